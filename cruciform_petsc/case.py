@@ -1,0 +1,466 @@
+# SPDX-License-Identifier: MIT
+"""The case file: what it may hold, and one clear sentence about what it may not.
+
+Quantities are checked when the file is read and kept as written ("2.4 cm"), so that the dump of a
+case is a case file again; `Case.fabric`, `Case.preform` and the ``*_si`` properties give SI.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import types
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
+
+from .errors import CruciformError, InputError
+from .fabric import Fabric
+from .preform import Preform
+from .units import parse, to_si
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+T = TypeVar("T")
+
+_MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
+
+
+def _quantity(unit: str) -> PlainValidator:
+    """Accept a string with a unit of this dimension, and keep the string."""
+
+    def check(value: Any) -> Any:
+        parse(value, unit)
+        return value
+
+    return PlainValidator(check)
+
+
+def _quantities(unit: str) -> PlainValidator:
+    """Accept one such string or a list of them."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list):
+            parse(value, unit)
+        elif not value:
+            raise ValueError("is an empty list, give at least one value")
+        else:
+            for i, item in enumerate(value):
+                try:
+                    parse(item, unit)
+                except ValueError as error:
+                    raise ValueError(f"(value {i + 1}) {error}") from None
+        return value
+
+    return PlainValidator(check)
+
+
+def _positive_length(value: str) -> str:
+    if parse(value, "m") <= 0.0:
+        raise ValueError(f'must be positive, got "{value}"')
+    return value
+
+
+def _petsc_options(value: Any) -> Any:
+    """Accept PETSc options without the leading dash and with plain values."""
+    if not isinstance(value, dict):
+        raise ValueError('must be a table like { ksp_type = "cg" }')
+    for name, setting in value.items():
+        if not re.fullmatch(r"[A-Za-z]\w*", name):
+            raise ValueError(f'has the option "{name}", write it like "ksp_type", without a dash')
+        if not isinstance(setting, str | int | float):
+            raise ValueError(f'"{name}" must be a string, a number or true/false, got {setting!r}')
+    return value
+
+
+Length = Annotated[str, _quantity("m")]
+Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
+Ring = Annotated[list[Point], Field(min_length=3)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class YarnTable(_Table):
+    """[fabric] warp and weft."""
+
+    modulus: Annotated[str, _quantity("N/m")]
+    poisson: float
+    yarns: Annotated[str, _quantity("1/m")]
+    yarn_bending: Annotated[str, _quantity("N*m**2")] = "0 N mm^2"
+
+
+class ShearTable(_Table):
+    """[fabric] shear."""
+
+    modulus: Annotated[str, _quantity("N/m")]
+
+
+class FabricTable(_Table):
+    """[fabric]: a name from the library, or the values."""
+
+    use: str | None = None
+    warp: YarnTable | None = None
+    weft: YarnTable | None = None
+    shear: ShearTable | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FabricTable:
+        missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
+        if self.use is not None and len(missing) < 3:
+            raise ValueError("needs either use or warp, weft and shear, not both")
+        if self.use is None and missing:
+            raise ValueError(
+                f"needs use, or warp, weft and shear ({' and '.join(missing)} missing)"
+            )
+        return self
+
+
+class OutlineTable(_Table):
+    """[preform] outline: a rectangle (width, length), or a polygon with holes."""
+
+    rectangle: Point | None = None
+    polygon: Ring | None = None
+    holes: list[Ring] = []
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> OutlineTable:
+        if (self.rectangle is None) == (self.polygon is None):
+            raise ValueError("needs exactly one of rectangle and polygon")
+        return self
+
+
+class PreformTable(_Table):
+    """[preform]: see `Preform`."""
+
+    outline: OutlineTable
+    bias_angle: Annotated[str, _quantity("rad")]
+    refine: Count = 1
+    yarns_per_cruciform: Count = 1
+    origin: Point | None = None
+
+
+class TestTable(_Table):
+    """[test]: the experiment."""
+
+    __test__ = False  # not a test for pytest
+
+    kind: Literal["bias-extension"] = "bias-extension"
+    upper: Literal["grip", "centre-line"] = "grip"
+    extension: Annotated[str | list[str], _quantities("m")] | None = None
+    load: Annotated[str | list[str], _quantities("N")] | None = None
+    model: Literal["coupled", "separate"] = "coupled"
+    bending: bool = True
+    form: Literal["consistent", "printed"] = "consistent"
+
+    @model_validator(mode="after")
+    def _one_control(self) -> TestTable:
+        if (self.extension is None) == (self.load is None):
+            got = "neither" if self.load is None else "both"
+            raise ValueError(f"needs exactly one of extension and load, got {got}")
+        if self.form == "printed" and self.model == "coupled":
+            raise ValueError('has form = "printed", which needs model = "separate"')
+        return self
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether a list was given, so that results are lists."""
+        return isinstance(self.extension if self.load is None else self.load, list)
+
+    @property
+    def extension_si(self) -> list[float] | None:
+        """Prescribed extensions [m], one or more, or None if loads are prescribed."""
+        return _as_list(self.extension, "m", "test.extension")
+
+    @property
+    def load_si(self) -> list[float] | None:
+        """Prescribed loads [N], one or more, or None if extensions are prescribed."""
+        return _as_list(self.load, "N", "test.load")
+
+
+class ContinuumTable(_Table):
+    """[continuum]: the membrane to compare with."""
+
+    compare: bool = False
+    mesh_size: Annotated[Length, AfterValidator(_positive_length)] | None = None
+    ladder: Annotated[list[Count], Field(min_length=1)] | None = None
+
+    @property
+    def mesh_size_si(self) -> float | None:
+        """Mesh size [m], or None for the program's choice."""
+        return None if self.mesh_size is None else parse(self.mesh_size, "m")
+
+
+class SolverTable(_Table):
+    """[solver]: PETSc options, put under the solver's prefix."""
+
+    options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = {}
+
+
+class OutputTable(_Table):
+    """[output]: where results go, and which."""
+
+    directory: Annotated[str, Field(min_length=1)] = "results"
+    pictures: bool = True
+    paraview: bool = True
+
+
+class Case(_Table):
+    """A whole case file, checked.
+
+    The tables are the attributes ``title, fabric_table, preform_table, test, continuum, solver,
+    output``; the objects they describe come from `fabric` and `preform`.
+    """
+
+    title: str = "untitled"
+    fabric_table: FabricTable = Field(alias="fabric")
+    preform_table: PreformTable = Field(alias="preform")
+    test: TestTable
+    continuum: ContinuumTable = ContinuumTable()
+    solver: SolverTable = SolverTable()
+    output: OutputTable = OutputTable()
+
+    @classmethod
+    def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
+        """Read and check a case file.
+
+        Parameters
+        ----------
+        path : str or Path
+            A TOML file.
+        overrides : sequence of str
+            "preform.refine=4": the value is read as TOML, or taken as a string if it is none.
+
+        Returns
+        -------
+        Case
+
+        Raises
+        ------
+        InputError
+            Anything wrong with the file, its keys and values, the fabric, the outline, or the
+            edges the test needs.
+        """
+        data = _read(Path(path))
+        for override in overrides:
+            _apply(data, override)
+        case = cls.from_data(data)
+        case._check_together()
+        return case
+
+    @classmethod
+    def load_collective(
+        cls, comm: MPI.Intracomm, path: str | Path, overrides: Sequence[str] = ()
+    ) -> Case:
+        """Read on rank 0 only; every rank returns the same case or raises the same InputError."""
+        return on_root(comm, lambda: cls.load(path, overrides))
+
+    @classmethod
+    def from_data(cls, data: dict[str, Any]) -> Case:
+        """Check plain data as it stands in a case file; InputError tells up to three problems."""
+        try:
+            return cls.model_validate(data)
+        except ValidationError as error:
+            problems = list(dict.fromkeys(_sentence(cls, dict(e)) for e in error.errors()))
+            more = len(problems) - _MOST_PROBLEMS
+            tail = f"; and {more} more" if more > 0 else ""
+            raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail) from None
+
+    def fabric(self) -> Fabric:
+        """Make the fabric."""
+        table = self.fabric_table
+        if table.use is None:
+            return Fabric.from_table(self.title, table.model_dump())
+        try:
+            return Fabric.from_library(table.use)
+        except InputError as error:
+            raise InputError(f"fabric.use: {error}") from None
+
+    def preform(self, refine: int | None = None) -> Preform:
+        """Make the preform; `refine` replaces the case's (for a ladder)."""
+        table = self.preform_table
+        outline = table.outline
+        options: dict[str, Any] = {
+            "refine": table.refine if refine is None else refine,
+            "yarns_per_cruciform": table.yarns_per_cruciform,
+            "origin": table.origin,
+        }
+        if outline.polygon is not None:
+            return Preform.polygon(outline.polygon, outline.holes, table.bias_angle, **options)
+        assert outline.rectangle is not None  # OutlineTable has seen to it
+        width, length = outline.rectangle
+        return Preform.rectangle(width, length, table.bias_angle, holes=outline.holes, **options)
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Return the case as plain data with the case file's own keys; JSON can hold it."""
+        plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
+        return super().model_dump(**(plain | options))
+
+    def _check_together(self) -> None:
+        """Check what no single table can know."""
+        fabric, preform = self.fabric(), self.preform()
+        preform.check_size(fabric)
+        for edge in ("lower", "upper"):  # without a clamp the body would float
+            try:
+                preform.edge(edge)
+            except InputError as error:
+                raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
+        if self.test.bending:
+            for side in ("warp", "weft"):
+                if getattr(fabric, side).yarn_bending == 0.0:
+                    raise InputError(
+                        f"test.bending is true but fabric.{side}.yarn_bending is zero, "
+                        "give it a value or set test.bending = false"
+                    )
+        if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
+            raise InputError(
+                "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
+                f"got {preform.yarns_per_cruciform}"
+            )
+
+
+def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
+    """Call a function on rank 0 and return its result, or raise its error, on every rank.
+
+    Collective. The result must be picklable.
+    """
+    result: T | None = None
+    problem: Exception | None = None
+    if comm.rank == 0:
+        try:
+            result = function()
+        except Exception as error:
+            problem = error
+    told = problem
+    if problem is not None and not isinstance(problem, CruciformError):
+        # Not every exception survives pickling; its text does.
+        told = RuntimeError(f"on rank 0: {type(problem).__name__}: {problem}")
+    result, told = comm.bcast((result, told), root=0)
+    if told is not None:
+        raise told if problem is None else problem
+    return result  # type: ignore[return-value]
+
+
+def _as_list(value: str | list[str] | None, unit: str, key: str) -> list[float] | None:
+    if value is None:
+        return None
+    return to_si(value if isinstance(value, list) else [value], unit, key)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Read TOML; every way this can fail is one sentence."""
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        folder = path.parent
+        near = [p.name for p in folder.glob("*.toml")] if folder.is_dir() else []
+        close = get_close_matches(path.name, near, 1)
+        hint = f', did you mean "{folder / close[0]}"?' if close else ""
+        raise InputError(f'case file "{path}" does not exist{hint}') from None
+    except IsADirectoryError:
+        raise InputError(f'case file "{path}" is a folder, name a TOML file in it') from None
+    except OSError as error:
+        raise InputError(f'case file "{path}" cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f'case file "{path}" is not UTF-8 text (byte {error.start + 1}), save it as UTF-8'
+        ) from None
+    except ValueError as error:  # TOML errors, and a null byte in the path
+        raise InputError(f'case file "{path}" is not TOML: {error}') from None
+
+
+def _apply(data: dict[str, Any], override: str) -> None:
+    """Put one "table.key=value" into the data."""
+    name, equals, text = override.partition("=")
+    keys = [key.strip() for key in name.split(".")]
+    if not equals or not all(re.fullmatch(r"[\w-]+", key) for key in keys):
+        raise InputError(f'--set "{override}" is not of the form preform.refine=4')
+    try:
+        value = tomllib.loads(f"value = {text}")
+        setting = value["value"] if len(value) == 1 else text
+    except tomllib.TOMLDecodeError:
+        setting = text.strip()
+    table: Any = data
+    for i, key in enumerate(keys[:-1]):
+        table = table.setdefault(key, {})
+        if not isinstance(table, dict):
+            raise InputError(
+                f'--set "{override}": {".".join(keys[: i + 1])} is a value, not a table'
+            )
+    table[keys[-1]] = setting
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Find the tables in a field's type, through Optional and Annotated."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if get_origin(annotation) in (Union, types.UnionType, Annotated, list):
+        return [model for part in get_args(annotation) for model in _models(part)]
+    return []
+
+
+def _known_keys(model: type[BaseModel], path: Sequence[str | int]) -> list[str]:
+    """Return the keys of the table at a place in the case."""
+    for part in path:
+        fields = {f.alias or name: f for name, f in model.model_fields.items()}
+        model = _models(fields[str(part)].annotation)[0]
+    return [f.alias or name for name, f in model.model_fields.items()]
+
+
+# What pydantic's error types ask for, in plain words.
+_WANTED = {
+    "string_type": "a text in quotes",
+    "string_too_short": "a name that is not empty",
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "greater_than_equal": "a whole number from 1 up",
+    "float_type": "a number",
+    "list_type": "a list",
+    "model_type": "a table",
+}
+
+
+def _sentence(model: type[BaseModel], error: dict[str, Any]) -> str:
+    """Turn one of pydantic's errors into plain words that name the key."""
+    loc, kind, got = error["loc"], error["type"], error["input"]
+    context = error.get("ctx", {})
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)[1:]
+    wanted = _WANTED.get(kind)
+    if wanted is not None:
+        text = f"{key} must be {wanted}, got {shorten(repr(got), 60)}"
+    elif kind == "missing":
+        text = f"{key} is missing"
+    elif kind == "value_error":
+        text = f"{key} {context['error']}"
+    elif kind == "literal_error":
+        known_values = context["expected"].replace("'", '"')
+        text = f"{key} must be {known_values}, got {shorten(repr(got), 60)}"
+    elif kind in ("too_short", "too_long"):
+        limit = context.get("min_length", context.get("max_length"))
+        length = f"{limit}" if limit == 2 else f"at least {limit}"  # pairs are exact
+        text = f"{key} must be a list of {length}, got {context['actual_length']}"
+    elif kind == "extra_forbidden":
+        table = key.rpartition(".")[0]
+        known = _known_keys(model, loc[:-1])
+        close = get_close_matches(str(loc[-1]), known, 1)
+        hint = f'did you mean "{close[0]}"?' if close else f"known: {', '.join(known)}"
+        where = f"[{table}] has" if table else "the case file has"
+        text = f'{where} the unknown key "{loc[-1]}" ({hint})'
+    else:
+        text = f"{key}: {error['msg']}"
+    return text

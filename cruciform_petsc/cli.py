@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: MIT
+"""The command line: `cruciform-petsc run|check CASE`, `cruciform-petsc fabrics`.
+
+Modules that import PETSc are imported only after `petsc4py.init` has had the PETSc options.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import io
+import logging
+import re
+import sys
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, NoReturn
+
+from .case import Case
+from .errors import CruciformError, InputError
+from .fabric import Fabric, fabric_names
+from .output.folder import prepare_directory
+from .units import format_si
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+PROGRAM = "cruciform-petsc"
+
+_WITH_VALUE = ("--set", "--output")
+_OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
+_PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
+
+# How long a rank that stopped with a sentence waits for the others to stop with it.
+_PATIENCE = 5.0
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    Collective over COMM_WORLD. 0: done; 2: the user's doing, told in one sentence on stderr;
+    1: a fault of the program, told with a traceback; 130: interrupted.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; default: the process's.
+    """
+    from mpi4py import MPI
+
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    return guarded(MPI.COMM_WORLD, lambda: _run(MPI.COMM_WORLD, arguments))
+
+
+def guarded(comm: MPI.Intracomm, work: Callable[[], None]) -> int:
+    """Do collective work and turn what it raises into one message and an exit code.
+
+    However the ranks fail, none is left waiting for another:
+
+    - All raise a CruciformError, or some do and the others finish: the lowest that raised prints
+      the sentence, all return 2.
+    - Some raise a CruciformError while others wait for them: after a few seconds one prints the
+      sentence and aborts all with 2.
+    - Any other exception on any rank: traceback, all aborted with 1 (130 for an interrupt).
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    work : callable
+        Called without arguments on every rank.
+
+    Returns
+    -------
+    int
+        Exit code, the same on every rank.
+    """
+    control = comm.Dup()  # agreement must not mix with messages of the work
+    failure: CruciformError | None = None
+    try:
+        work()
+    except CruciformError as error:
+        failure = error
+    except KeyboardInterrupt:
+        return _abort(control, 130)
+    except Exception:
+        text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
+        print(text, file=sys.stderr, flush=True)
+        return _abort(control, 1)
+    return _agree(control, failure)
+
+
+def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
+    """Find out with the other ranks whether any failed, let one tell it, return the code."""
+    import numpy as np
+    from mpi4py import MPI
+
+    mine = np.array([control.size if failure is None else control.rank])
+    first = np.empty_like(mine)
+    request = control.Iallreduce(mine, first, MPI.MIN)
+    if failure is None:
+        request.Wait()
+    else:
+        # Ranks wait a little longer each, so that one speaks and takes the others with it.
+        deadline = time.monotonic() + _PATIENCE + min(0.2 * control.rank, _PATIENCE)
+        while not request.Test():
+            if time.monotonic() > deadline:
+                _say(failure)
+                return _abort(control, 2)
+            time.sleep(0.01)
+    if failure is not None and first[0] == control.rank:
+        _say(failure)
+    failed = bool(first[0] < control.size)
+    control.Barrier()  # the sentence is out before any rank ends
+    control.Free()
+    return 2 if failed else 0
+
+
+def _say(failure: CruciformError) -> None:
+    sys.stdout.flush()
+    print(f"{PROGRAM}: {' '.join(str(failure).split())}", file=sys.stderr, flush=True)
+
+
+def _abort(control: MPI.Intracomm, code: int) -> int:
+    """End all ranks; a single one simply returns."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if control.size > 1:
+        control.Abort(code)
+    return code
+
+
+def _run(comm: MPI.Intracomm, arguments: Sequence[str]) -> None:
+    own, petsc_options = split_arguments(arguments)
+    hidden = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(hidden) if comm.rank else contextlib.nullcontext():
+            args = _parser().parse_args(own)
+    except SystemExit:  # --help and --version; wrong arguments are InputErrors
+        return
+    if args.command == "fabrics":
+        if comm.rank == 0:
+            print(fabric_table())
+        return
+    log = _logger(comm, args.quiet, args.verbose)
+    case = Case.load_collective(comm, args.case, args.set)
+    if args.command == "check":
+        _start_petsc(petsc_options)
+        from .run import check_case
+
+        check_case(comm, case, log)
+    else:
+        if args.output is not None:
+            output = case.output.model_copy(update={"directory": args.output})
+            case = case.model_copy(update={"output": output})
+        directory = prepare_directory(comm, case.output.directory)
+        _start_petsc(petsc_options)
+        from .run import run_case
+
+        run_case(comm, case, directory, log)
+
+
+def _start_petsc(options: list[str]) -> None:
+    """Start PETSc with options from the command line."""
+    started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
+    import petsc4py
+
+    petsc4py.init([sys.argv[0], *options])
+    if started and options:
+        from petsc4py import PETSc
+
+        PETSc.Options().insertString(" ".join(options))  # type: ignore[attr-defined]
+
+
+def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Part our own arguments from PETSc's, which begin with one dash and follow CASE.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        As typed: ``run case.toml --set preform.refine=4 -ksp_type cg``.
+
+    Returns
+    -------
+    own, petsc : list of str
+
+    Raises
+    ------
+    InputError
+        An option of neither, with the closest of ours; a PETSc option out of place.
+    """
+    own: list[str] = []
+    petsc: list[str] = []
+    words = 0  # command and CASE
+    rest = list(arguments)
+    while rest:
+        argument = rest.pop(0)
+        name = argument.partition("=")[0]
+        if name in _OPTIONS:
+            own.append(argument)
+            if argument in _WITH_VALUE and rest:
+                own.append(rest.pop(0))
+        elif not _is_option(argument):
+            own.append(argument)
+            words += 1
+        else:
+            _check_petsc_option(argument, name)
+            if words < 2:
+                raise InputError(f'the PETSc option "{argument}" must come after run CASE')
+            petsc.append(argument)
+            if rest and not _is_option(rest[0]):
+                petsc.append(rest.pop(0))
+    return own, petsc
+
+
+def _is_option(argument: str) -> bool:
+    return re.match(r"--?[A-Za-z]", argument) is not None  # "-1e-3" is a number
+
+
+def _check_petsc_option(argument: str, name: str) -> None:
+    """Refuse what is more likely a slip in one of our options than an option of PETSc."""
+    meant = "--" + name.lstrip("-").lower()
+    close = [ours for ours in _OPTIONS if ours.startswith(meant)]
+    close += get_close_matches(meant, _OPTIONS, 1, 0.75)
+    if close and name not in _PETSC_TOO:
+        raise InputError(f'there is no option "{name}", did you mean "{close[0]}"?')
+    if name.startswith("--"):
+        raise InputError(
+            f'there is no option "{name}" (known: {", ".join(_OPTIONS[:-1])}; '
+            "PETSc options begin with one dash)"
+        )
+    if "=" in argument:
+        raise InputError(f'the PETSc option "{argument}" must be written with a space for "="')
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints go the way of all input errors."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message)
+
+
+def _parser() -> _Parser:
+    version = getattr(importlib.import_module("cruciform_petsc"), "__version__", "unknown")
+    parser = _Parser(
+        prog=PROGRAM,
+        description="Parallel mechanics of woven fabrics as nets of cruciform elements.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {version}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    epilog = "Options with one dash after CASE go to PETSc: -ksp_monitor, -log_view ..."
+    for command, text in (
+        ("run", "solve a case and write results"),
+        ("check", "read a case and report sizes, solve nothing"),
+    ):
+        sub = commands.add_parser(command, help=text, epilog=epilog, allow_abbrev=False)
+        sub.add_argument("case", metavar="CASE", help="the case file (TOML)")
+        sub.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="replace a value of the case: --set preform.refine=4",
+        )
+        if command == "run":
+            sub.add_argument("--output", metavar="DIR", help="replaces output.directory")
+        loudness = sub.add_mutually_exclusive_group()
+        loudness.add_argument("--quiet", action="store_true", help="log warnings only")
+        loudness.add_argument("--verbose", action="store_true", help="log more")
+    commands.add_parser("fabrics", help="list the library of fabrics", allow_abbrev=False)
+    return parser
+
+
+def _logger(comm: MPI.Intracomm, quiet: bool, verbose: bool) -> logging.Logger:
+    """Make the log: to stdout on rank 0, silent on the others."""
+    log = logging.getLogger("cruciform_petsc")
+    log.handlers.clear()
+    log.propagate = False
+    if comm.rank == 0:
+        log.addHandler(logging.StreamHandler(sys.stdout))
+        log.setLevel(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
+    else:
+        log.addHandler(logging.NullHandler())
+        log.setLevel(logging.CRITICAL + 1)
+    return log
+
+
+def fabric_table() -> str:
+    """Write the library of fabrics as a table, warp and weft apart where they differ."""
+    head = ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]
+    rows = [head]
+    for name in fabric_names():
+        fabric = Fabric.from_library(name)
+        columns = [
+            [
+                format_si(yarns.modulus, "N/m"),
+                f"{yarns.poisson:g}",
+                format_si(yarns.yarns, "1/m"),
+                format_si(yarns.yarn_bending, "N*m**2"),
+            ]
+            for yarns in (fabric.warp, fabric.weft)
+        ]
+        both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
+        rows.append([name, *both, format_si(fabric.shear_modulus, "N/m"), fabric.source])
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""Clamps, prescribed motion and loads on the edges of a network, by name.
+
+Unknowns of a node are its displacement along warp and weft and, with yarn bending, its rotation
+times a length. Where an edge prescribes motion along one direction only, the node's displacement is
+kept in the frame (that direction, across it) instead, so that every prescribed quantity is one
+unknown and the matrix stays symmetric.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import InputError
+from .lattice import SHORTEST_ARM
+from .network import Network
+
+
+class Constraints:
+    """What is known about the nodes of a network before it is solved.
+
+    Parameters
+    ----------
+    network : Network
+    bending : bool
+        Whether nodes carry yarn rotations.
+
+    Attributes
+    ----------
+    fixed : bool (n_local, d)
+        Prescribed unknowns; d = 3 with bending, else 2.
+    value : float (n_local, d)
+        Their values in m.
+    frame : float (n_local, 2, 2)
+        Rows: the node's displacement axes in the yarn frame.
+    held : bool (n_local,)
+        Clamped: both displacements and the yarn's direction are prescribed.
+    tied : bool (n_local,)
+        The first displacement is one common unknown of all tied nodes.
+    force : float (n_local, 2)
+        Loads in the yarn frame, N; complete on every rank that has the node.
+    """
+
+    def __init__(self, network: Network, bending: bool):
+        n, d = network.num_nodes_local, 3 if bending else 2
+        self.network, self.bending = network, bending
+        self.fixed = np.zeros((n, d), bool)
+        self.value = np.zeros((n, d))
+        self.frame = np.tile(np.eye(2), (n, 1, 1))
+        self.held = np.zeros(n, bool)
+        self.tied = np.zeros(n, bool)
+        self.force = np.zeros((n, 2))
+
+    def nodes_on(self, edge: str) -> np.ndarray:
+        """Local nodes that lie on an edge; int array. Collective.
+
+        Raises InputError if the preform has no such edge or no yarn reaches it.
+        """
+        network = self.network
+        segments = network.preform.edge(edge)
+        candidates = np.flatnonzero(network.node_is_boundary)
+        distance = _distance_to_segments(network.node_position[candidates], segments)
+        on = np.zeros(network.num_nodes_local, bool)
+        on[candidates[distance <= SHORTEST_ARM * network.pitch.max()]] = True
+        network.exchange.forward(on)
+        found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
+        if found == 0:
+            raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
+        return np.flatnonzero(on)
+
+    def clamp(self, edge: str, displacement=(0.0, 0.0)) -> np.ndarray:
+        """Hold an edge: yarns keep their direction; it may move by (x, y) metres. Collective.
+
+        Returns the local nodes.
+        """
+        nodes = self.nodes_on(edge)
+        self.fixed[nodes] = True
+        self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
+        self.held[nodes] = True
+        return nodes
+
+    def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
+        """Move an edge along a direction (x, y) by metres, free across it. Collective.
+
+        Nodes that are clamped already stay so. Returns the local nodes.
+        """
+        nodes = self._turn(edge, direction)
+        self.fixed[nodes, 0] = True
+        self.value[nodes, 0] = displacement
+        return nodes
+
+    def tie(self, edge: str, direction) -> np.ndarray:
+        """Let an edge move along a direction as one, by an unknown amount. Collective."""
+        nodes = self._turn(edge, direction)
+        self.tied[nodes] = True
+        return nodes
+
+    def _turn(self, edge: str, direction) -> np.ndarray:
+        nodes = self.nodes_on(edge)
+        nodes = nodes[~self.held[nodes]]
+        along = self.network.preform.rotation @ np.asarray(direction, float)
+        along = along / np.hypot(*along)
+        self.frame[nodes] = [[along[0], along[1]], [-along[1], along[0]]]
+        return nodes
+
+    def pin(self, node_key: int, components: tuple[int, ...]) -> None:
+        """Fix single displacement components (0 along warp, 1 along weft) of the node with a key.
+
+        For bodies under loads alone: three of them take away the rigid motions.
+        """
+        here = np.flatnonzero(self.network.node_key == node_key)
+        for component in components:
+            self.fixed[here, component] = True
+
+    def line_load(self, edge: str, traction) -> None:
+        """Put a force per length (x, y), N/m, on a straight or broken edge. Collective.
+
+        The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
+        the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
+        Within a family, a piece of edge between two ends is shared as a straight line would have
+        it, so that force and moment of the load are kept.
+        """
+        network = self.network
+        nodes = self.nodes_on(edge)
+        owned = nodes[nodes < network.num_nodes_owned]
+        traction = network.preform.rotation @ np.asarray(traction, float)
+        family = network.node_family[owned]
+        hinge = network.node_is_hinge[owned]
+        for segment in network.preform.edge(edge):
+            length = np.hypot(*(segment[1] - segment[0]))
+            tangent = (segment[1] - segment[0]) / length
+            normal = network.preform.rotation @ np.array([tangent[1], -tangent[0]])
+            where = (network.node_position[owned] - segment[0]) @ tangent
+            tolerance = SHORTEST_ARM * network.pitch.max()
+            near = _distance_to_segments(network.node_position[owned], segment[None]) <= tolerance
+            counts = []
+            for f in (0, 1):
+                # A hinge on the edge is an end of both families.
+                mine = np.flatnonzero(near & ((family == f) | hinge) & (abs(normal[f]) > 1e-9))
+                counts.append((mine, network.comm.allgather(where[mine])))
+            share = normal**2
+            empty = [sum(len(part) for part in parts) == 0 for _, parts in counts]
+            if all(empty):
+                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
+            share = np.where(empty, 0.0, share)
+            share = share / share.sum()
+            for (mine, parts), weight in zip(counts, share, strict=True):
+                lengths = _lumped_lengths(np.concatenate(parts), length)
+                before = sum(len(part) for part in parts[: network.comm.rank])
+                mine_lengths = lengths[before : before + len(mine)]
+                self.force[owned[mine]] += weight * mine_lengths[:, None] * traction
+        network.exchange.forward(self.force)
+
+
+def _distance_to_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Distance of each point (n, 2) to the nearest of some segments (m, 2, 2); (n,)."""
+    nearest = np.full(len(points), np.inf)
+    for begin, end in segments:  # an edge has few segments, nodes are many
+        along = end - begin
+        share = np.clip((points - begin) @ along / (along @ along), 0.0, 1.0)
+        gap = points - begin - share[:, None] * along
+        nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]))
+    return nearest
+
+
+def _lumped_lengths(where: np.ndarray, length: float) -> np.ndarray:
+    """Integrals over [0, length] of the piecewise linear functions through the points ``where``.
+
+    Beyond the outer points they go on straight: constants and straight lines are integrated
+    exactly. Points that coincide share.
+    """
+    if len(where) == 0:
+        return np.zeros(0)
+    point, inverse, count = np.unique(
+        np.round(where / length, 9), return_inverse=True, return_counts=True
+    )
+    point = point * length
+    if len(point) == 1:
+        lumped = np.array([length])
+    else:
+        gap = np.diff(point)
+        lumped = np.zeros(len(point))
+        lumped[:-1] += 0.5 * gap
+        lumped[1:] += 0.5 * gap
+        for outer, inner, overhang in ((0, 1, point[0]), (-1, -2, length - point[-1])):
+            lean = 0.5 * overhang**2 / abs(point[outer] - point[inner])
+            lumped[outer] += overhang + lean
+            lumped[inner] -= lean
+    return (lumped / count)[inverse]

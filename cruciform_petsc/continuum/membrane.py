@@ -1,0 +1,630 @@
+# SPDX-License-Identifier: MIT
+r"""Orthotropic plane-stress membrane in yarn axes: the continuum that the network is a net of.
+
+With the displacement along the warp and the weft, u_w and u_e, stress resultants in N/m are
+
+    sigma_w = c11 eps_w + c12 eps_e      eps_w = du_w/dw
+    sigma_e = c12 eps_w + c22 eps_e      eps_e = du_e/de
+    tau     = G gamma                    gamma = du_e/dw + du_w/de
+
+gamma is the rotation of the warp less the rotation of the weft. The virtual work
+
+    a(u, v) = int sigma_w(u) eps_w(v) + sigma_e(u) eps_e(v) + tau(u) gamma(v) dA = int_edges t.v ds
+
+is solved with Lagrange elements on triangles, and loads are sums of consistent nodal forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import dolfinx.fem
+import dolfinx.fem.petsc
+import dolfinx.mesh
+import numpy as np
+import shapely
+import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..errors import InputError, SolverError
+from .mesh import grade_mesh, outline_mesh
+from .points import evaluate
+
+# Triangles that rank 0 may make; a finer mesh is that of all ranks, by refinement.
+MAX_TRIANGLES_RANK_0 = 100_000
+# Unknowns up to which the matrix is factorised.
+MAX_DOFS_DIRECT = 300_000
+
+# The mesh is graded within this part of the outline's width, around corners that turn inwards by
+# more than this angle and around the ends of clamps.
+GRADING_RADIUS = 1 / 6
+RE_ENTRANT = np.radians(20.0)
+
+DIRECT = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": "50",
+}
+ITERATIVE = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_rtol": "1e-10",
+    "ksp_max_it": "2000",
+    "pc_type": "gamg",
+    "pc_gamg_threshold": "0.01",
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
+}
+
+Value = float | Sequence[float] | Callable[[np.ndarray], np.ndarray]
+Dirichlet = tuple[str, int | None, Value]
+Traction = tuple[str, Sequence[float]]
+
+
+@dataclass(frozen=True)
+class KspInfo:
+    """How a linear system was solved."""
+
+    type: str
+    pc: str
+    iterations: int
+    reason: str
+    relative_residual: float
+
+
+class Membrane:
+    """Mesh and equations of the membrane that a preform is cut from. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    preform
+        Has `outline` (shapely Polygon), `warp_direction` and `weft_direction` (unit vectors at
+        right angles, the weft 90 degrees ahead) and `edge(name)` (segments (n, 2, 2)).
+    fabric
+        Has `c11`, `c22`, `c12` and `shear_modulus` in N/m.
+    size : float, optional
+        Mesh size in metres; by default `default_size`.
+    degree : int
+        Of the Lagrange elements.
+    grading : int
+        How often the mesh size is halved towards the ends of the edges "lower" and "upper" and
+        towards re-entrant corners, where the strains are singular; 0 for a uniform mesh.
+
+    Attributes
+    ----------
+    mesh : dolfinx.mesh.Mesh
+    space : dolfinx.fem.FunctionSpace
+    size : float
+    cells, dofs : int
+        Global numbers of triangles and unknowns.
+
+    Raises
+    ------
+    InputError
+        On every rank.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        preform: Any,
+        fabric: Any,
+        size: float | None = None,
+        degree: int = 2,
+        grading: int = 6,
+    ):
+        warp, weft = (np.asarray(d, float) for d in (preform.warp_direction, preform.weft_direction))
+        if not np.allclose(weft, [-warp[1], warp[0]], atol=1e-12):
+            raise InputError("the membrane needs a weft at right angles to the warp")
+        self.comm, self.preform, self.fabric = comm, preform, fabric
+        outline = preform.outline
+        self.size = default_size(outline, fabric) if size is None else float(size)
+        mesh = outline_mesh(comm, outline, self.size, _refine_levels(outline, self.size))
+        if grading:
+            points, radius = singular_points(preform), GRADING_RADIUS * outline_width(outline)
+            mesh = grade_mesh(mesh, points, radius, grading)
+        self.mesh = mesh
+        self.space = dolfinx.fem.functionspace(self.mesh, ("Lagrange", degree, (2,)))
+        self.degree = degree
+        self.cells = self.mesh.topology.index_map(2).size_global
+        self.dofs = 2 * self.space.dofmap.index_map.size_global
+        self._warp, self._weft = (
+            dolfinx.fem.Constant(self.mesh, PETSc.ScalarType(tuple(d))) for d in (warp, weft)
+        )
+        self._c11, self._c22, self._c12, self._shear_modulus = (
+            dolfinx.fem.Constant(self.mesh, PETSc.ScalarType(value))
+            for value in (fabric.c11, fabric.c22, fabric.c12, fabric.shear_modulus)
+        )
+        self._edges: dict[str, np.ndarray] = {}
+
+    def __repr__(self) -> str:
+        return f"Membrane({self.cells} triangles of {self.size:.3g} m, {self.dofs} unknowns)"
+
+    # -- mechanics ------------------------------------------------------------------------------
+
+    def strain(self, u: Any) -> tuple[Any, Any, Any]:
+        """Warp strain, weft strain and shear angle of a displacement, as UFL expressions."""
+        gradient = ufl.grad(u)
+        w, e = self._warp, self._weft
+        return (
+            ufl.inner(w, gradient * w),
+            ufl.inner(e, gradient * e),
+            ufl.inner(e, gradient * w) + ufl.inner(w, gradient * e),
+        )
+
+    def _tension_work(self, u: Any, v: Any) -> Any:
+        warp, weft, _ = self.strain(u)
+        test_warp, test_weft, _ = self.strain(v)
+        return (
+            (self._c11 * warp + self._c12 * weft) * test_warp
+            + (self._c22 * weft + self._c12 * warp) * test_weft
+        ) * ufl.dx
+
+    def _shear_work(self, u: Any, v: Any) -> Any:
+        return self._shear_modulus * self.strain(u)[2] * self.strain(v)[2] * ufl.dx
+
+    # -- edges ----------------------------------------------------------------------------------
+
+    def edge_facets(self, name: str) -> np.ndarray:
+        """Boundary facets of the mesh on an edge of the preform, those of this rank. Collective.
+
+        Raises
+        ------
+        InputError
+            On every rank, if facets do not cover the edge.
+        """
+        if name not in self._edges:
+            segments = np.asarray(self.preform.edge(name), float).reshape(-1, 2, 2)
+            self._edges[name] = self._find_facets(name, segments)
+        return self._edges[name]
+
+    def _find_facets(self, name: str, segments: np.ndarray) -> np.ndarray:
+        topology = self.mesh.topology
+        topology.create_connectivity(1, 2)
+        facets = dolfinx.mesh.exterior_facet_indices(topology)
+        vertices = dolfinx.mesh.entities_to_geometry(self.mesh, 1, facets)
+        ends = self.mesh.geometry.x[vertices.reshape(-1, 2)][..., :2]
+        probes = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
+        tolerance = 1e-9 * np.ptp(np.reshape(self.preform.outline.bounds, (2, 2)), axis=0).max()
+        on_edge = np.zeros(probes.shape[:2], bool)
+        for start, end in segments:
+            along = end - start
+            t = np.clip((probes - start) @ along / (along @ along), 0.0, 1.0)
+            off = np.linalg.norm(probes - start - t[..., None] * along, axis=-1)
+            on_edge |= off <= tolerance
+        found = on_edge.all(axis=1)
+        length = np.linalg.norm(ends[found, 1] - ends[found, 0], axis=1).sum()
+        length = self.comm.allreduce(float(length))
+        wanted = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
+        if not abs(length - wanted) <= 1e-6 * wanted:
+            raise InputError(
+                f"edge {name!r} is {wanted:.6g} m long, but the mesh has {length:.6g} m of it"
+            )
+        return np.sort(facets[found])
+
+    def _measure(self, names: Sequence[str]) -> Any:
+        """Integration measure ds in which names[i] has number i."""
+        facets = [self.edge_facets(name) for name in names]
+        number = np.repeat(np.arange(len(names), dtype=np.int32), [len(f) for f in facets])
+        every = np.concatenate(facets)
+        order = np.argsort(every, kind="stable")
+        tags = dolfinx.mesh.meshtags(self.mesh, 1, every[order], number[order])
+        return ufl.Measure("ds", domain=self.mesh, subdomain_data=tags)
+
+    # -- constraints ----------------------------------------------------------------------------
+
+    def _constraints(self, dirichlet: Sequence[Dirichlet]) -> list[dolfinx.fem.DirichletBC]:
+        conditions = []
+        for name, component, value in dirichlet:
+            facets = self.edge_facets(name)
+            for i in (0, 1) if component is None else (component,):
+                space = self.space.sub(i)
+                if callable(value):
+                    scalar, _ = space.collapse()
+                    given = dolfinx.fem.Function(scalar)
+                    pick = i if component is None else None
+                    given.interpolate(lambda x, f=value, p=pick: _component(f(x), p))
+                    pairs = dolfinx.fem.locate_dofs_topological((space, scalar), 1, facets)
+                    conditions.append(dolfinx.fem.dirichletbc(given, pairs, space))
+                else:
+                    number = float(np.asarray(value)[i] if component is None else value)
+                    dofs = dolfinx.fem.locate_dofs_topological(space, 1, facets)
+                    condition = dolfinx.fem.dirichletbc(PETSc.ScalarType(number), dofs, space)
+                    conditions.append(condition)
+        return conditions
+
+    def _pins(self) -> list[dolfinx.fem.DirichletBC]:
+        """Hold both components at the lowest node, and one of them at the node farthest from it."""
+        owned = self.space.dofmap.index_map.size_local
+        x = self.space.tabulate_dof_coordinates()[:owned, :2]
+        first, first_x = self._extreme_node(-x[:, 1] - 1e-3 * x[:, 0], x)
+        second, second_x = self._extreme_node(np.linalg.norm(x - first_x, axis=1), x)
+        across = int(np.argmin(abs(second_x - first_x)))
+        pins = []
+        for block, component in ((first, 0), (first, 1), (second, across)):
+            # dofs of a blocked space's part are numbered in the whole space; ghosts count too
+            dofs = (2 * block + component).astype(np.int32)
+            space = self.space.sub(component)
+            pins.append(dolfinx.fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space))
+        return pins
+
+    def _extreme_node(self, measure: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The node of largest measure: its local block on every rank that knows it, and its x, y."""
+        index_map = self.space.dofmap.index_map
+        best = int(np.argmax(measure)) if len(measure) else -1
+        value = float(measure[best]) if best >= 0 else -np.inf
+        _, rank = self.comm.allreduce((value, self.comm.rank), MPI.MAXLOC)
+        mine = (index_map.local_range[0] + best, x[best]) if self.comm.rank == rank else None
+        number, position = self.comm.bcast(mine, rank)
+        local = index_map.global_to_local(np.array([number], np.int64))
+        return local[local >= 0], position
+
+    def _rigid_modes(self) -> np.ndarray:
+        """The rigid motions at the nodes of this rank, (nodes, 2, 3), the turn about the middle."""
+        x = self.space.tabulate_dof_coordinates()[:, :2]
+        low, high = np.reshape(self.preform.outline.bounds, (2, 2))
+        x = (x - 0.5 * (low + high)) / (high - low).max()
+        modes = np.zeros((len(x), 2, 3))
+        modes[:, 0, 0] = modes[:, 1, 1] = 1.0
+        modes[:, 0, 2], modes[:, 1, 2] = -x[:, 1], x[:, 0]
+        return modes
+
+    def _check_held(self, conditions: Sequence[dolfinx.fem.DirichletBC]) -> None:
+        """Raise unless the constraints rule out every rigid motion."""
+        modes = self._rigid_modes().reshape(-1, 3)
+        gram = np.zeros((3, 3))
+        for condition in conditions:
+            dofs, number_owned = condition.dof_indices()
+            held = modes[dofs[:number_owned]]
+            gram += held.T @ held
+        gram = self.comm.allreduce(gram)
+        if np.linalg.eigvalsh(gram)[0] <= 1e-9 * max(np.trace(gram), 1.0):
+            raise InputError("nothing holds the membrane: it can move as a rigid body")
+
+    def _check_balance(self, load: dolfinx.fem.Form) -> None:
+        """Raise unless the nodal forces of a linear form have no resultant."""
+        force = self._nodal_forces(load)
+        modes = self._rigid_modes()[: len(force)]
+        resultant = self.comm.allreduce(np.einsum("nij,ni->j", modes, force))
+        if abs(resultant).max() > 1e-9 * self.comm.allreduce(float(abs(force).sum())):
+            raise InputError("nothing holds the membrane, and the loads on it are not in balance")
+
+    def _nodal_forces(self, form: dolfinx.fem.Form) -> np.ndarray:
+        """Assembled linear form at the nodes that this rank owns, (nodes, 2)."""
+        vector = dolfinx.fem.petsc.assemble_vector(form)
+        vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        forces = vector.array.reshape(-1, 2).copy()
+        vector.destroy()
+        return forces
+
+    # -- solution -------------------------------------------------------------------------------
+
+    def solve_bias_extension(
+        self, extension: float, upper: str = "grip", prefix: str = "membrane_"
+    ) -> MembraneResult:
+        """Clamp the edge "lower" and pull the edge "upper" along y. Collective.
+
+        Parameters
+        ----------
+        extension : float
+            Metres.
+        upper : {"grip", "centre-line"}
+            The upper edge keeps its x, or is free to move along x.
+        prefix : str
+            Of the PETSc options of the solver.
+        """
+        pulled: dict[str, Dirichlet] = {
+            "grip": ("upper", None, (0.0, extension)),
+            "centre-line": ("upper", 1, extension),
+        }
+        if upper not in pulled:
+            raise InputError(f"upper = {upper!r} is not one of {', '.join(sorted(pulled))}")
+        return self.solve([("lower", None, (0.0, 0.0)), pulled[upper]], prefix=prefix)
+
+    def solve(
+        self,
+        dirichlet: Sequence[Dirichlet] = (),
+        tractions: Sequence[Traction] = (),
+        prefix: str = "membrane_",
+    ) -> MembraneResult:
+        """Solve for given displacements and tractions on edges. Collective.
+
+        Without any given displacement the tractions must be in balance; three unknowns are then
+        held (without reaction) to rule out rigid motion.
+
+        Parameters
+        ----------
+        dirichlet : sequence of (edge name, component, value)
+            Component 0, 1 or None for both. Metres: a number (two for None), or a callable that
+            takes x of shape (3, n) and returns (n,) or, for None, (2, n). Later ones win.
+        tractions : sequence of (edge name, (tx, ty))
+            Force per length of the edge, N/m.
+        prefix : str
+            Of the PETSc options. Up to MAX_DOFS_DIRECT unknowns the defaults are DIRECT, beyond
+            it ITERATIVE; the options database, command line included, wins over both.
+
+        Raises
+        ------
+        InputError
+            On every rank: unknown edge, a membrane that can float, loads out of balance.
+        SolverError
+            On every rank, with PETSc's reason and the residual history.
+        """
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        work = self._tension_work(trial, test) + self._shear_work(trial, test)
+        stiffness = dolfinx.fem.form(work)
+        load = dolfinx.fem.form(self._load(tractions, test))
+        if not dirichlet:
+            self._check_balance(load)
+        conditions = self._constraints(dirichlet) if dirichlet else self._pins()
+        self._check_held(conditions)
+
+        right_side = dolfinx.fem.petsc.assemble_vector(load)
+        dolfinx.fem.petsc.apply_lifting(right_side, [stiffness], [conditions])
+        right_side.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
+        dolfinx.fem.petsc.set_bc(right_side, conditions)
+        matrix = dolfinx.fem.petsc.assemble_matrix(stiffness, conditions)
+        matrix.assemble()
+        matrix.setOption(PETSc.Mat.Option.SPD, True)
+        near_null = self._near_null_space(matrix)
+        matrix.setNearNullSpace(near_null)
+
+        displacement = dolfinx.fem.Function(self.space, name="displacement")
+        solution = matrix.createVecRight()
+        defaults = DIRECT if self.dofs <= MAX_DOFS_DIRECT else ITERATIVE
+        try:
+            ksp = solve_linear(matrix, right_side, solution, defaults, prefix)
+            displacement.x.array[: solution.local_size] = solution.array
+            displacement.x.scatter_forward()
+        finally:
+            for used in (solution, near_null, matrix, right_side):
+                used.destroy()
+        internal = self._nodal_forces(dolfinx.fem.form(ufl.action(work, displacement)))
+        return MembraneResult(self, displacement, internal, ksp)
+
+    def _load(self, tractions: Sequence[Traction], test: Any) -> Any:
+        nothing = dolfinx.fem.Constant(self.mesh, PETSc.ScalarType((0.0, 0.0)))
+        form = ufl.inner(nothing, test) * ufl.dx
+        if tractions:
+            ds = self._measure([name for name, _ in tractions])
+            for number, (_, traction) in enumerate(tractions):
+                value = PETSc.ScalarType(tuple(float(t) for t in traction))
+                form += ufl.inner(dolfinx.fem.Constant(self.mesh, value), test) * ds(number)
+        return form
+
+    def _near_null_space(self, matrix: PETSc.Mat) -> PETSc.NullSpace:
+        coordinates = matrix.createVecRight()
+        coordinates.setBlockSize(2)
+        x = self.space.tabulate_dof_coordinates()[:, :2]
+        coordinates.array = x[: coordinates.local_size // 2].ravel()
+        return PETSc.NullSpace().createRigidBody(coordinates)
+
+
+class MembraneResult:
+    """Solution of a membrane, with what is measured on it.
+
+    Attributes
+    ----------
+    membrane : Membrane
+    displacement : dolfinx.fem.Function
+        Metres.
+    ksp : KspInfo
+    """
+
+    def __init__(
+        self,
+        membrane: Membrane,
+        displacement: dolfinx.fem.Function,
+        internal_force: np.ndarray,
+        ksp: KspInfo,
+    ):
+        self.membrane, self.displacement, self.ksp = membrane, displacement, ksp
+        self.size, self.cells, self.dofs = membrane.size, membrane.cells, membrane.dofs
+        self._internal_force = internal_force
+        self.energy_tension = self._integral(membrane._tension_work(displacement, displacement)) / 2
+        self.energy_shear = self._integral(membrane._shear_work(displacement, displacement)) / 2
+
+    def __repr__(self) -> str:
+        return f"MembraneResult({self.membrane!r}, energy {self.energy:.6g} J)"
+
+    def _integral(self, form: Any) -> float:
+        local = dolfinx.fem.assemble_scalar(dolfinx.fem.form(form))
+        return float(self.membrane.comm.allreduce(local))
+
+    @property
+    def energy(self) -> float:
+        """Strain energy in joules, of tension and of shear together."""
+        return self.energy_tension + self.energy_shear
+
+    @cached_property
+    def load(self) -> float:
+        """Force on the edge "upper" along y in newtons. Collective."""
+        return float(self.edge_force("upper")[1])
+
+    @cached_property
+    def extension(self) -> float:
+        """Mean displacement along y of the edge "upper" less that of "lower", metres. Collective."""
+        mean = [self.mean_displacement(name)[1] for name in ("lower", "upper")]
+        return float(mean[1] - mean[0])
+
+    def edge_force(self, name: str) -> np.ndarray:
+        """Force on an edge, (2,) in newtons: the sum of its nodes' internal forces. Collective."""
+        facets = self.membrane.edge_facets(name)
+        nodes = dolfinx.fem.locate_dofs_topological(self.membrane.space, 1, facets)
+        own = nodes[nodes < len(self._internal_force)]
+        return self.membrane.comm.allreduce(self._internal_force[own].sum(axis=0))
+
+    def mean_displacement(self, name: str) -> np.ndarray:
+        """Mean displacement of an edge, (2,) in metres. Collective."""
+        ds = self.membrane._measure([name])(0)
+        length = self._integral(dolfinx.fem.Constant(self.membrane.mesh, 1.0) * ds)
+        return np.array([self._integral(self.displacement[i] * ds) for i in (0, 1)]) / length
+
+    @cached_property
+    def strains(self) -> dolfinx.fem.Function:
+        """Warp strain, weft strain and shear angle, one degree lower and discontinuous."""
+        membrane = self.membrane
+        space = dolfinx.fem.functionspace(membrane.mesh, ("DG", membrane.degree - 1, (3,)))
+        strains = dolfinx.fem.Function(space, name="strains")
+        expression = ufl.as_vector(membrane.strain(self.displacement))
+        points = _interpolation_points(space.element)
+        strains.interpolate(dolfinx.fem.Expression(expression, points))
+        strains.x.scatter_forward()
+        return strains
+
+    def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields at points, each rank its own; see `points.evaluate`. Collective.
+
+        Parameters
+        ----------
+        points : float (n, 2)
+            Metres.
+
+        Returns
+        -------
+        dict
+            displacement (n, 2) in metres; warp_strain, weft_strain and shear_angle (n,), the last
+            in radians.
+        """
+        u, strain = evaluate(self.membrane.mesh, [self.displacement, self.strains], points)
+        names = ("warp_strain", "weft_strain", "shear_angle")
+        return {"displacement": u, **dict(zip(names, strain.T.copy(), strict=True))}
+
+
+# -- linear solver ------------------------------------------------------------------------------
+
+
+def solve_linear(
+    matrix: PETSc.Mat,
+    right_side: PETSc.Vec,
+    solution: PETSc.Vec,
+    defaults: dict[str, str],
+    prefix: str,
+) -> KspInfo:
+    """Solve with a KSP that listens to the options database under a prefix. Collective.
+
+    Raises
+    ------
+    SolverError
+        On every rank, if it did not converge or the options are not possible.
+    """
+    ksp = PETSc.KSP().create(matrix.comm)
+    try:
+        with petsc_options(prefix, defaults):
+            ksp.setOptionsPrefix(prefix)
+            ksp.setOperators(matrix)
+            ksp.setFromOptions()
+            ksp.setConvergenceHistory()
+            ksp.setUp()
+            ksp.solve(right_side, solution)
+        return _checked(ksp, matrix, right_side, solution)
+    except PETSc.Error as error:
+        raise SolverError(f"the membrane was not solved: {error}", "PETSC_ERROR") from error
+    finally:
+        ksp.destroy()
+
+
+def _checked(
+    ksp: PETSc.KSP, matrix: PETSc.Mat, right_side: PETSc.Vec, solution: PETSc.Vec
+) -> KspInfo:
+    names = {v: k for k, v in vars(PETSc.KSP.ConvergedReason).items() if not k.startswith("_")}
+    reason = str(names.get(ksp.getConvergedReason(), ksp.getConvergedReason()))
+    history = ksp.getConvergenceHistory().tolist()
+    residual = right_side.duplicate()
+    matrix.mult(solution, residual)
+    residual.aypx(-1.0, right_side)
+    relative = residual.norm() / (right_side.norm() or 1.0)
+    residual.destroy()
+    # One application of a preconditioner "converges" whatever comes out.
+    unchecked = ksp.getType() == "preonly" and not relative <= 1e-6
+    if ksp.getConvergedReason() <= 0 or unchecked:
+        raise SolverError(
+            f"the membrane was not solved: {ksp.getType()} with {ksp.getPC().getType()} stopped "
+            f"after {ksp.getIterationNumber()} iterations ({reason}) at a relative residual of "
+            f"{relative:.3g}",
+            reason,
+            history,
+        )
+    return KspInfo(ksp.getType(), ksp.getPC().getType(), ksp.getIterationNumber(), reason, relative)
+
+
+@contextmanager
+def petsc_options(prefix: str, defaults: dict[str, str]) -> Iterator[None]:
+    """Put defaults into PETSc's options database where nothing is set, and take them out again.
+
+    If the type of the preconditioner is set but that of the Krylov method is not, a default of
+    "preonly" becomes "cg".
+    """
+    options = PETSc.Options()
+    given = dict(defaults)
+    if options.hasName(prefix + "pc_type") and given.get("ksp_type") == "preonly":
+        given["ksp_type"] = "cg"
+    added = [prefix + key for key in given if not options.hasName(prefix + key)]
+    for name in added:
+        options.setValue(name, given[name.removeprefix(prefix)])
+    try:
+        yield
+    finally:
+        for name in added:
+            options.delValue(name)
+
+
+# -- small parts --------------------------------------------------------------------------------
+
+
+def outline_width(outline: shapely.Polygon) -> float:
+    """How wide an outline is in metres: its narrower side, less if it is slender or has holes."""
+    low, high = np.reshape(outline.bounds, (2, 2))
+    return float(min((high - low).min(), 4 * outline.area / outline.length))
+
+
+def default_size(outline: shapely.Polygon, fabric: Any) -> float:
+    """Mesh size in metres for a comparison to 0.1 % (measured in tests and notes).
+
+    Half of the width of the layers that follow the yarns, which goes with the root of the shear
+    modulus over the yarns' modulus, within limits.
+    """
+    layer = (fabric.shear_modulus / max(fabric.c11, fabric.c22)) ** 0.5
+    return outline_width(outline) * float(np.clip(0.5 * layer, 1 / 96, 1 / 32))
+
+
+def singular_points(preform: Any) -> np.ndarray:
+    """Ends of the edges "lower" and "upper", and re-entrant corners of the outline, (n, 2)."""
+    points = []
+    for name in ("lower", "upper"):
+        ends = np.reshape(preform.edge(name), (-1, 2))
+        _, first, count = np.unique(
+            np.round(ends, 12), axis=0, return_index=True, return_counts=True
+        )
+        points.append(ends[first[count == 1]])
+    outline = shapely.geometry.polygon.orient(preform.outline)
+    for ring in (outline.exterior, *outline.interiors):
+        corner = np.asarray(shapely.remove_repeated_points(ring).coords)[:-1, :2]
+        before, after = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
+        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        turn = np.arctan2(cross, (before * after).sum(axis=1))
+        points.append(corner[turn < -RE_ENTRANT])
+    return np.concatenate(points)
+
+
+def _refine_levels(outline: shapely.Polygon, size: float) -> int:
+    triangles = 4 * outline.area / size**2
+    return max(0, int(np.ceil(np.log2(triangles / MAX_TRIANGLES_RANK_0) / 2)))
+
+
+def _component(values: np.ndarray, component: int | None) -> np.ndarray:
+    values = np.asarray(values)
+    return values.reshape(-1) if component is None else values[component]
+
+
+def _interpolation_points(element: Any) -> np.ndarray:
+    """Of an element of dolfinx 0.9, where it is a method, or later, where it is a property."""
+    points = element.interpolation_points
+    return points() if callable(points) else points

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: MIT
+"""The distributed network: crossovers, arm ends, who owns them and how they are numbered.
+
+Every rank cuts the yarns of the whole lattice with the outline (cost: the outline's length), deals
+the lattice out by recursive bisection, and then makes its own crossovers only. No rank ever holds
+more of the network than its own part and the arm ends on its border.
+
+*Nodes* are what displacement unknowns sit on: the arm ends (one between two neighbouring crossovers
+of a yarn, one where a yarn meets the outline) and the hinges of crossovers that lie on the outline.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from mpi4py import MPI
+
+from .errors import InputError
+from .exchange import GhostExchange
+from .fabric import Fabric
+from .lattice import (
+    ARM_STEP,
+    SHORTEST_ARM,
+    YarnLines,
+    boundary_segments,
+    cells_cut,
+    quadrant_areas,
+    snapped,
+    yarn_lines,
+)
+from .preform import Preform
+
+# Places on a yarn, in quarters of a pitch, counted from its crossovers: see Network.node_key.
+_HINGE, _TAIL_AFTER, _BETWEEN, _TAIL_BEFORE = 0, 1, 2, -1
+
+
+class Network:
+    """Net of crossovers and arm ends of a fabric inside an outline, dealt out over the ranks.
+
+    Collective. Raises InputError on every rank if the outline holds no crossover.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    preform : Preform
+    fabric : Fabric
+
+    Attributes
+    ----------
+    crossover_ij : int32 (n_owned, 2)
+        Lattice position of this rank's crossovers: i counts along the warp, j along the weft.
+    crossover_number_global : int64 (n_owned,)
+        Their numbers along the warp yarns, the same on any number of ranks.
+    crossover_position : float (n_owned, 2)
+        x, y in metres.
+    arm_length : float (n_owned, 4)
+        Metres, arms 1 to 4; 0 where the crossover lies on the outline.
+    quadrant_area : float (n_owned, 4)
+        Square metres inside the outline, order of lattice.QUADRANTS.
+    arm_node : int32 (n_owned, 4)
+        Local node at the end of each arm; the hinge's own node where the arm has no length.
+    arm_is_shared : bool (n_owned, 4)
+        Whether the arm end joins two crossovers.
+    boundary_crossovers : int32
+        Owned crossovers that differ from the regular cruciform (cut arms or quadrants).
+    node_key : int64 (n_local,)
+        Rank-independent name of each node; owned ones ascending (by yarn), then ghosts.
+    node_number_global : int64 (n_local,)
+        Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
+    node_position : float (n_local, 2)
+    node_is_boundary : bool (n_local,)
+        Ends on the outline, or lies close to it.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, preform: Preform, fabric: Fabric):
+        self.comm, self.preform, self.fabric = comm, preform, fabric
+        self.pitch = np.array(preform.pitch(fabric))
+        preform.check_size(fabric)
+        outline_xy = preform.outline
+        segments = snapped(self._to_lattice(boundary_segments(outline_xy)))
+        self.warp_yarns = yarn_lines(segments, 0)
+        self.weft_yarns = yarn_lines(segments, 1)
+        count = np.maximum(self.warp_yarns.last - self.warp_yarns.first + 1, 0)
+        self.num_crossovers_global = int(count.sum())
+        if self.num_crossovers_global == 0:
+            raise InputError(
+                "the outline holds no crossover of the lattice: make it larger, choose a finer "
+                "pitch (refine) or move the lattice (origin)"
+            )
+        self._first_number = np.cumsum(count) - count
+        self.partition = Partition(self.warp_yarns, comm.size)
+        self._make_crossovers(segments, outline_xy)
+        self._make_nodes()
+
+    # -- geometry -------------------------------------------------------------------------------
+
+    def _to_lattice(self, xy: np.ndarray) -> np.ndarray:
+        local = (xy - self.preform.lattice_origin) @ self.preform.rotation.T
+        return local / self.pitch
+
+    def _to_xy(self, lattice: np.ndarray) -> np.ndarray:
+        return (lattice * self.pitch) @ self.preform.rotation + self.preform.lattice_origin
+
+    def has_crossover(self, ij: np.ndarray) -> np.ndarray:
+        """Whether lattice points (..., 2) are crossovers of the network, on whichever rank."""
+        return self.warp_yarns.find(ij[..., 1], ij[..., 0]) >= 0
+
+    def _make_crossovers(self, segments: np.ndarray, outline_xy: shapely.Polygon) -> None:
+        ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
+        n = len(ij)
+        self.crossover_ij = ij.astype(np.int32)
+        self.crossover_position = self._to_xy(ij)
+        part = self.warp_yarns.find(ij[:, 1], ij[:, 0])
+        self.crossover_number_global = (
+            self._first_number[part] + ij[:, 0] - self.warp_yarns.first[part]
+        )
+        cut = cells_cut(segments)
+        around = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+        near = np.unique((cut[:, None] + around).reshape(-1, 2), axis=0)
+        # Keys of lattice points sort like the crossovers do: by warp yarn, then along it.
+        near_key = np.sort((near[:, 1] << 32) + near[:, 0])
+        own_key = (ij[:, 1] << 32) + ij[:, 0]
+        at = np.searchsorted(near_key, own_key)
+        is_near = near_key[np.minimum(at, len(near_key) - 1)] == own_key
+        self.boundary_crossovers = np.flatnonzero(is_near).astype(np.int32)
+
+        half = np.tile(0.5 * self.pitch, 2)
+        self.arm_length = np.tile(half, (n, 1))
+        self.quadrant_area = np.full((n, 4), 0.25 * self.pitch.prod())
+        self.arm_is_shared = np.ones((n, 4), bool)
+        edge = ij[is_near]
+        length, shared = self._cut_arms(edge)
+        self.arm_length[is_near] = length * np.tile(self.pitch, 2)
+        self.arm_is_shared[is_near] = shared
+        rings = [self._to_lattice(np.asarray(r.coords)[:, :2])
+                 for r in (outline_xy.exterior, *outline_xy.interiors)]
+        outline = shapely.Polygon(snapped(rings[0]), [snapped(r) for r in rings[1:]])
+        self.quadrant_area[is_near] = (
+            quadrant_areas(edge, self.has_crossover, outline) * self.pitch.prod()
+        )
+
+    def _cut_arms(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arm lengths in pitches (n, 4) and whether each ends at a neighbouring crossover."""
+        length = np.zeros((len(ij), 4))
+        shared = np.zeros((len(ij), 4), bool)
+        for family, yarns in enumerate((self.warp_yarns, self.weft_yarns)):
+            along, line = ij[:, family], ij[:, 1 - family]
+            part = yarns.find(line, along)
+            if len(yarns.line) == 0:
+                continue
+            for arm, ends, sign in ((family, yarns.end, 1), (family + 2, yarns.start, -1)):
+                step = ARM_STEP[arm]
+                next_part = yarns.find(line, along + sign)
+                shared[:, arm] = (part >= 0) & (next_part == part) & self.has_crossover(ij + step)
+                tail = np.where(part >= 0, sign * (ends[part] - along), 0.0)
+                tail = np.where(tail < SHORTEST_ARM, 0.0, tail)
+                length[:, arm] = np.where(shared[:, arm], 0.5, tail)
+        return length, shared
+
+    # -- nodes ----------------------------------------------------------------------------------
+
+    def _node_keys(self) -> np.ndarray:
+        """Key of the node at the end of each arm, (n_owned, 4).
+
+        A key packs the yarn family (bit 62), the yarn's number (30 bits) and the place on the yarn
+        (32 bits) in quarters of a pitch: 4 i for a hinge, 4 i + 1 and 4 i - 1 for a tail after and
+        before crossover i, 4 i + 2 for the end shared by i and i + 1.
+        """
+        ij = self.crossover_ij.astype(np.int64)
+        keys = np.empty((len(ij), 4), np.int64)
+        for arm in range(4):
+            family, after = arm % 2, arm < 2
+            place = 4 * ij[:, family] + np.where(
+                self.arm_is_shared[:, arm],
+                _BETWEEN if after else _BETWEEN - 4,
+                _TAIL_AFTER if after else _TAIL_BEFORE,
+            )
+            keys[:, arm] = pack_key(family, ij[:, 1 - family], place)
+        hinge = pack_key(0, ij[:, 1], 4 * ij[:, 0] + _HINGE)
+        missing = self.arm_length == 0
+        keys[missing] = np.broadcast_to(hinge[:, None], missing.shape)[missing]
+        return keys
+
+    def _make_nodes(self) -> None:
+        ij = self.crossover_ij.astype(np.int64)
+        keys = self._node_keys()
+        foreign = np.zeros(keys.shape, bool)
+        owner = np.full(keys.shape, self.comm.rank, np.int32)
+        for arm in (2, 3):  # an end shared by two crossovers belongs to the lower one
+            behind = ij + ARM_STEP[arm]
+            ask = self.arm_is_shared[:, arm] & ~self.partition.in_box(behind, self.comm.rank)
+            foreign[ask, arm] = True
+            owner[ask, arm] = self.partition.owner(behind[ask])
+        owned_key = np.unique(keys[~foreign])
+        ghost_key, first = np.unique(keys[foreign], return_index=True)
+        ghost_owner = owner[foreign][first]
+        self.node_key = np.concatenate([owned_key, ghost_key])
+        self.num_nodes_owned = len(owned_key)
+        self.arm_node = np.empty(keys.shape, np.int32)
+        self.arm_node[~foreign] = np.searchsorted(owned_key, keys[~foreign])
+        self.arm_node[foreign] = np.searchsorted(ghost_key, keys[foreign]) + len(owned_key)
+
+        self.node_offset = self.comm.exscan(self.num_nodes_owned) or 0
+        self.num_nodes_global = self.comm.allreduce(self.num_nodes_owned)
+        self.exchange = GhostExchange(self.comm, owned_key, ghost_key, ghost_owner)
+        number = np.zeros(len(self.node_key), np.int64)
+        number[: len(owned_key)] = self.node_offset + np.arange(len(owned_key))
+        self.node_number_global = self.exchange.forward(number)
+
+        self.node_position = np.empty((len(self.node_key), 2))
+        self.node_is_boundary = np.zeros(len(self.node_key), bool)
+        direction = ARM_STEP @ self.preform.rotation
+        for arm in range(4):
+            self.node_position[self.arm_node[:, arm]] = (
+                self.crossover_position + self.arm_length[:, arm, None] * direction[arm]
+            )
+            self.node_is_boundary[self.arm_node[self.boundary_crossovers, arm]] = True
+        self.node_position = self.exchange.forward(self.node_position)
+        self.exchange.reverse(self.node_is_boundary, np.logical_or)
+        self.exchange.forward(self.node_is_boundary)
+
+    @property
+    def num_crossovers_owned(self) -> int:
+        return len(self.crossover_ij)
+
+    @property
+    def num_nodes_local(self) -> int:
+        return len(self.node_key)
+
+    @property
+    def node_family(self) -> np.ndarray:
+        """0 for ends of warp yarns (and hinges), 1 for ends of weft yarns; (n_local,)."""
+        return (self.node_key >> 62).astype(np.int8)
+
+    @property
+    def node_is_hinge(self) -> np.ndarray:
+        """Nodes that are the hinge of a crossover on the outline; bool (n_local,)."""
+        return (self.node_key & 3) == 0
+
+    @property
+    def arm_directions(self) -> np.ndarray:
+        """Unit vectors of arms 1 to 4 in the yarn frame (components along warp, weft); (4, 2)."""
+        return ARM_STEP.astype(float)
+
+    def covered_area(self) -> float:
+        """Area in square metres that all quadrants stand for. Collective."""
+        return self.comm.allreduce(float(self.quadrant_area.sum()))
+
+    def statistics(self) -> dict:
+        """Sizes, load balance and cut yarns of the partition. Collective.
+
+        ``imbalance`` is the largest rank's share of crossovers over the mean; a yarn is cut once
+        wherever two neighbouring crossovers of it belong to different ranks.
+        """
+        counts = self.comm.allgather(self.num_crossovers_owned)
+        ghosts = self.num_nodes_local - self.num_nodes_owned
+        single = int((self.arm_is_shared.sum(axis=1) == 1).sum())
+        return {
+            "crossovers": self.num_crossovers_global,
+            "nodes": self.num_nodes_global,
+            "warp_yarns": len(np.unique(self.warp_yarns.line)),
+            "weft_yarns": len(np.unique(self.weft_yarns.line)),
+            "covered_area_m2": self.covered_area(),
+            "outline_area_m2": float(self.preform.outline.area),
+            "crossovers_per_rank_min": min(counts),
+            "crossovers_per_rank_max": max(counts),
+            "imbalance": max(counts) * len(counts) / sum(counts),
+            "cut_yarns": self.comm.allreduce(ghosts),
+            "joined_by_one_arm": self.comm.allreduce(single),
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"Network({self.num_crossovers_global} crossovers, {self.num_nodes_global} nodes, "
+            f"pitch {1e3 * self.pitch[0]:.4g} x {1e3 * self.pitch[1]:.4g} mm, "
+            f"{self.comm.size} rank{'s' if self.comm.size > 1 else ''})"
+        )
+
+
+def pack_key(family: int, line: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Key of a place on a yarn: sorts by family, then yarn, then along the yarn."""
+    return (np.int64(family) << 62) + ((line + 2**29) << 32) + (place + 2**31)
+
+
+@dataclass
+class _Cut:
+    """One cut of the bisection: ranks below ``middle`` get positions < ``at`` along ``axis``."""
+
+    axis: int
+    at: int
+    middle: int
+
+
+class Partition:
+    """Recursive bisection of the lattice into one box per rank, balanced by crossovers.
+
+    Not collective: it follows from the outline alone, so every rank computes the same boxes and
+    can tell the owner of any crossover without asking.
+    """
+
+    def __init__(self, yarns: YarnLines, size: int):
+        low = np.array([yarns.first.min(), yarns.line.min()])
+        high = np.array([yarns.last.max(), yarns.line.max()]) + 1
+        self.box = np.empty((size, 2, 2), np.int64)
+        self._cuts: dict[tuple[int, int], _Cut] = {}
+        self._split(yarns, low, high, 0, size)
+
+    def _split(self, yarns: YarnLines, low, high, first: int, stop: int) -> None:
+        if stop - first == 1:
+            self.box[first] = low, high
+            return
+        middle = first + (stop - first) // 2
+        share = (middle - first) / (stop - first)
+        begin = np.maximum(yarns.first, low[0])
+        end = np.minimum(yarns.last + 1, high[0])
+        keep = (yarns.line >= low[1]) & (yarns.line < high[1]) & (end > begin)
+        begin, end, line = begin[keep], end[keep], yarns.line[keep] - low[1]
+        counts = [
+            np.cumsum(np.bincount(begin - low[0], minlength=high[0] - low[0] + 1)
+                      - np.bincount(end - low[0], minlength=high[0] - low[0] + 1))[:-1],
+            np.bincount(line, weights=end - begin, minlength=high[1] - low[1]),
+        ]
+        best = None
+        for axis in (1, 0):
+            total = np.concatenate([[0], np.cumsum(counts[axis])])
+            at = int(np.argmin(np.abs(total - share * total[-1])))
+            # The yarns cut are about as many as crossovers stand in the row beside the cut.
+            cost = counts[axis][min(at, len(counts[axis]) - 1)] if len(counts[axis]) else 0
+            off = abs(total[at] - share * total[-1])
+            if best is None or off + cost < best[0]:
+                best = (off + cost, axis, at + int(low[axis]))
+        _, axis, at = best
+        self._cuts[first, stop] = _Cut(axis, at, middle)
+        left_high, right_low = high.copy(), low.copy()
+        left_high[axis] = right_low[axis] = at
+        self._split(yarns, low, left_high, first, middle)
+        self._split(yarns, right_low, high, middle, stop)
+
+    def in_box(self, ij: np.ndarray, rank: int) -> np.ndarray:
+        low, high = self.box[rank]
+        return ((ij >= low) & (ij < high)).all(axis=-1)
+
+    def owner(self, ij: np.ndarray) -> np.ndarray:
+        """Rank of each lattice point (n, 2) within the lattice's bounding box; int32 (n,)."""
+        owner = np.zeros(len(ij), np.int32)
+        todo = [(0, len(self.box), np.arange(len(ij)))]
+        while todo:
+            first, stop, rows = todo.pop()
+            if stop - first == 1 or len(rows) == 0:
+                owner[rows] = first
+                continue
+            cut = self._cuts[first, stop]
+            left = ij[rows, cut.axis] < cut.at
+            todo.append((first, cut.middle, rows[left]))
+            todo.append((cut.middle, stop, rows[~left]))
+        return owner
+
+    def crossovers(self, yarns: YarnLines, rank: int) -> np.ndarray:
+        """Lattice positions (n, 2) of a rank's crossovers, along each warp yarn in turn."""
+        low, high = self.box[rank]
+        begin = np.maximum(yarns.first, low[0])
+        count = np.maximum(np.minimum(yarns.last + 1, high[0]) - begin, 0)
+        count[(yarns.line < low[1]) | (yarns.line >= high[1])] = 0
+        ij = np.empty((count.sum(), 2), np.int64)
+        part = np.repeat(np.arange(len(count)), count)
+        ij[:, 0] = np.arange(len(ij)) - np.repeat(np.cumsum(count) - count, count) + begin[part]
+        ij[:, 1] = yarns.line[part]
+        return ij

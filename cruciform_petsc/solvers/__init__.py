@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Solvers of the assembled systems."""

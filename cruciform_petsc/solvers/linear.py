@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Linear systems with PETSc's KSP, set up by size and by the options database."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..errors import SolverError
+
+PREFIX = "cruciform_"
+# Up to here a sparse Cholesky factorisation is faster than any general iteration (planar graphs
+# fill in little), and its memory stays below some 2 GiB.
+DIRECT_LIMIT = 400_000
+
+DIRECT = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+}
+ITERATIVE = {
+    "ksp_type": "cg",
+    "ksp_rtol": 1e-9,
+    "ksp_max_it": 2000,
+    "ksp_norm_type": "unpreconditioned",
+    "pc_type": "gamg",
+    # Stiff yarns (E/G of hundreds and more) need a strong smoother and no dropping of couplings.
+    "pc_gamg_threshold": 0.0,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_ksp_max_it": 2,
+    "mg_levels_pc_type": "bjacobi",
+    "mg_levels_sub_pc_type": "icc",
+}
+# What the paper's separate systems need: singular, and solved in the range of each matrix.
+LEAST_NORM = {
+    "ksp_type": "minres",
+    "ksp_minres_qlp": True,
+    "ksp_rtol": 1e-12,
+    "ksp_max_it": 100_000,
+    "pc_type": "none",
+}
+
+
+@dataclass
+class SolverInfo:
+    """How a system was solved."""
+
+    ksp: str
+    pc: str
+    iterations: int
+    reason: str
+    relative_residual: float
+    unknowns: int
+    history: list[float] = field(default_factory=list, repr=False)
+
+
+@contextmanager
+def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
+    """Options under a prefix for a while; what the user has set on the command line wins."""
+    database = PETSc.Options()
+    mine = {f"{prefix}{name}": value for name, value in options.items()}
+    mine = {name: value for name, value in mine.items() if not database.hasName(name)}
+    for name, value in mine.items():
+        database[name] = value
+    try:
+        yield
+    finally:
+        for name in mine:
+            database.delValue(name)
+
+
+def reason_name(reason: int) -> str:
+    """PETSc's name of a converged (or diverged) reason."""
+    for name, value in vars(PETSc.KSP.ConvergedReason).items():
+        if value == reason and name.isupper() and name not in ("ITERATING", "CONVERGED_ITERATING"):
+            return name
+    return str(reason)
+
+
+class LinearSolver:
+    """A KSP on one matrix. Collective; call destroy when done.
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat
+    near_null : float (n_owned_unknowns, m), optional
+        Motions that cost (nearly) no energy, for algebraic multigrid.
+    options : mapping, optional
+        PETSc options under the prefix; default DIRECT or ITERATIVE, by size.
+    extra : mapping, optional
+        Further options (of a case file) that overrule these.
+    prefix : str
+        Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
+    """
+
+    def __init__(self, matrix, near_null=None, options=None, extra=None, prefix: str = PREFIX):
+        self.matrix = matrix
+        unknowns = matrix.getSize()[0]
+        if options is None:
+            options = DIRECT if unknowns <= DIRECT_LIMIT else ITERATIVE
+            if extra and extra.get("pc_type", extra.get("ksp_type")) not in (None, "cholesky"):
+                options = ITERATIVE
+        options = {**options, **(extra or {})}
+        if near_null is not None:
+            vectors = [
+                PETSc.Vec().createWithArray(column.copy(), comm=matrix.comm)
+                for column in _orthonormal(near_null, matrix.comm.tompi4py())
+            ]
+            space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+            matrix.setNearNullSpace(space)
+        self.ksp = PETSc.KSP().create(matrix.comm)
+        self.ksp.setOptionsPrefix(prefix)
+        self.ksp.setOperators(matrix)
+        self.ksp.setConvergenceHistory(length=10_000)
+        with petsc_options(prefix, options):
+            self.ksp.setFromOptions()
+            try:
+                self.ksp.setUp()
+            except PETSc.Error as error:
+                raise SolverError(
+                    f"the preconditioner '{self.ksp.getPC().getType()}' could not be set up "
+                    f"(PETSc error {error.ierr})",
+                    "SETUP",
+                ) from error
+
+    def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
+        """Solution and how it was reached. Collective.
+
+        With ``singular`` the residual may keep a part that the matrix cannot carry.
+        Raises SolverError on every rank, with reason and history, if the iteration fails.
+        """
+        x = rhs.duplicate()
+        self.ksp.setInitialGuessNonzero(False)
+        self.ksp.solve(rhs, x)
+        reason = self.ksp.getConvergedReason()
+        history = [float(value) for value in self.ksp.getConvergenceHistory()]
+        residual = rhs.duplicate()
+        self.matrix.mult(x, residual)
+        residual.aypx(-1.0, rhs)
+        norm = rhs.norm()
+        relative = residual.norm() / norm if norm > 0 else 0.0
+        residual.destroy()
+        info = SolverInfo(
+            self.ksp.getType(),
+            self.ksp.getPC().getType(),
+            self.ksp.getIterationNumber(),
+            reason_name(reason),
+            float(relative),
+            int(self.matrix.getSize()[0]),
+            history,
+        )
+        # A direct solver knows no residual: look at the true one.
+        if reason < 0 or not np.isfinite(relative) or (relative > 1e-3 and not singular):
+            what = f"{info.ksp} with {info.pc} did not converge ({info.reason}"
+            raise SolverError(
+                f"{what} after {info.iterations} iterations, relative residual {relative:.2e}): "
+                "is a part of the preform free to move? Try yarn bending or another solver",
+                info.reason,
+                history,
+            )
+        return x, info
+
+    def destroy(self) -> None:
+        """Free the KSP (not the matrix)."""
+        self.ksp.destroy()
+
+
+def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:
+    """Orthonormal rows that span the distributed columns (n, m); Cholesky of the Gram matrix."""
+    scaled = columns / np.sqrt(comm.allreduce((columns**2).sum(axis=0)))
+    gram = comm.allreduce(scaled.T @ scaled)
+    return np.linalg.solve(np.linalg.cholesky(gram), scaled.T)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: MIT
+"""What the outline and the clamps make of each cruciform: tails, held arms, hanging crossovers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .constraints import Constraints
+from .elements.kinematics import HELD
+from .errors import InputError
+from .lattice import OPPOSITE, QUADRANTS
+
+
+@dataclass
+class Supports:
+    """How the cruciforms of a rank carry load. Boundary arrays follow network.boundary_crossovers.
+
+    Attributes
+    ----------
+    carrying : bool (n_owned,)
+        False for crossovers that hang on by one arm end without yarn bending: nothing keeps them
+        from turning about it, so they carry no load and are left out of equilibrium.
+    round_ : int32 (n_owned,)
+        In which round of removal a crossover was left out; 0 for carrying ones.
+    strain_source, rotation_source : int (n_boundary, 4)
+        See elements.kinematics.arm_rows.
+    quadrant_area : float (n_boundary, 4)
+        Areas that carry: without quadrants of a yarn that has no arm at its crossover.
+    slaved : bool (n_boundary, 4)
+        Tails that follow their yarn: their transverse displacement is no unknown.
+    active : bool (n_local, d)
+        Unknowns that exist.
+    """
+
+    carrying: np.ndarray
+    round_: np.ndarray
+    strain_source: np.ndarray
+    rotation_source: np.ndarray
+    quadrant_area: np.ndarray
+    slaved: np.ndarray
+    active: np.ndarray
+
+    @property
+    def num_hanging(self) -> int:
+        return int((~self.carrying).sum())
+
+
+def find_supports(constraints: Constraints) -> Supports:
+    """Work out what each cut cruciform is held by. Collective.
+
+    - A missing arm (its crossover lies on the outline) is held at a clamp: no strain, no rotation.
+      At a free edge it has the strain and the rotation of the other arm of its yarn.
+    - Without yarn bending a tail (an arm that ends free on the outline) is straight with the other
+      arm of its yarn, as bending would make it; its strain is its own.
+    - Without yarn bending a crossover that hangs on by a single arm end turns freely about it and
+      is left out; this is repeated until none is left.
+    - A yarn that has neither arm at a crossover on a free edge (the tip of a corner) carries nothing
+      there.
+
+    Raises InputError on every rank if a part of the network hangs on no clamp.
+    """
+    network, bending = constraints.network, constraints.bending
+    carrying, round_, joined = _leave_out_hanging(constraints)
+    _check_held(constraints, carrying)
+
+    boundary = network.boundary_crossovers
+    nodes = network.arm_node[boundary]
+    missing = network.arm_length[boundary] == 0
+    held = constraints.held[nodes]
+    own = np.broadcast_to(np.arange(4), nodes.shape)
+    other = np.broadcast_to(OPPOSITE, nodes.shape)
+    other_missing, other_held = missing[:, OPPOSITE], held[:, OPPOSITE]
+
+    nothing = missing & other_missing & ~held
+    source = np.where(missing, np.where(held | nothing, HELD, other), own)
+    slaved = np.zeros_like(missing)
+    if not bending:
+        tail = ~missing & ~joined[boundary]
+        # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
+        slaved = tail & ~(other_missing & ~other_held) & ~(tail[:, OPPOSITE] & (own < other))
+    rotation_source = np.where(slaved, other, source)
+    # The other arm may itself be missing and held.
+    rotation_source = np.where(
+        slaved & (source[np.arange(len(source))[:, None], other] == HELD), HELD, rotation_source
+    )
+    area = network.quadrant_area[boundary].copy()
+    for q, (i, j) in enumerate(QUADRANTS):
+        area[nothing[:, i] | nothing[:, j], q] = 0.0
+
+    active = np.zeros((network.num_nodes_local, 3 if bending else 2), bool)
+    active[network.arm_node[carrying].ravel()] = True
+    if bending:
+        active[network.node_is_hinge, 2] = False
+    rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
+    active[nodes[rows, arms], (arms + 1) % 2] = False
+    network.exchange.reverse(active, np.logical_or)
+    network.exchange.forward(active)
+    return Supports(carrying, round_, source, rotation_source, area, slaved, active)
+
+
+def _leave_out_hanging(constraints: Constraints):
+    """Carrying crossovers, round of removal, and which arms are joined to something."""
+    network = constraints.network
+    n = network.num_crossovers_owned
+    carrying, round_ = np.ones(n, bool), np.zeros(n, np.int32)
+    fixed = constraints.fixed.any(axis=1) | constraints.tied
+    missing = network.arm_length == 0
+    number = 0
+    while True:
+        users = np.zeros(network.num_nodes_local, np.int32)
+        np.add.at(users, network.arm_node[carrying].ravel(), 1)
+        network.exchange.reverse(users)
+        network.exchange.forward(users)
+        joined = network.arm_is_shared & (users[network.arm_node] > 1)
+        joined |= fixed[network.arm_node] & ~missing
+        if constraints.bending:
+            return carrying, round_, joined
+        on_clamp = (missing & constraints.held[network.arm_node]).any(axis=1)
+        hanging = carrying & ~on_clamp & (joined.sum(axis=1) <= 1)
+        if not network.comm.allreduce(int(hanging.sum())):
+            return carrying, round_, joined
+        number += 1
+        carrying[hanging] = False
+        round_[hanging] = number
+
+
+def _check_held(constraints: Constraints, carrying: np.ndarray) -> None:
+    """Raise if a connected part of the network has fewer than three prescribed unknowns."""
+    network = constraints.network
+    nodes = network.arm_node[carrying]
+    n, m = network.num_nodes_local, len(nodes)
+    graph = coo_array(
+        (np.ones(4 * m, np.int8), (np.repeat(np.arange(m), 4), nodes.ravel() + m)), (m + n, m + n)
+    )
+    _, piece = connected_components(graph, directed=False)
+    num = piece.max(initial=-1) + 1
+    label = network.node_number_global.copy()
+    while True:  # smallest node number of a connected part spreads over the ranks
+        before = label.copy()
+        smallest = np.full(num, np.iinfo(np.int64).max)
+        np.minimum.at(smallest, piece[m:], label)
+        label = smallest[piece[m:]]
+        network.exchange.forward(network.exchange.reverse(label, np.minimum))
+        if not network.comm.allreduce(int((label != before).any())):
+            break
+    owned = network.num_nodes_owned
+    used = np.zeros(n, bool)
+    used[nodes.ravel()] = True
+    network.exchange.reverse(used, np.logical_or)
+    labels, inverse = np.unique(label[:owned][used[:owned]], return_inverse=True)
+    known = constraints.fixed[:owned][used[:owned]].sum(axis=1)
+    counts = np.bincount(inverse, weights=known, minlength=len(labels))
+    sizes = np.bincount(inverse, minlength=len(labels))
+    total: dict[int, np.ndarray] = {}
+    for part in network.comm.allgather(list(zip(labels, counts, sizes, strict=True))):
+        for name, known_here, size in part:
+            total[name] = total.get(name, 0) + np.array([known_here, size])
+    loose = [int(size) for known_total, size in total.values() if known_total < 3]
+    if loose:
+        raise InputError(
+            f"{'the body' if len(total) == 1 else f'a part of {max(loose)} arm ends'} can float: "
+            "no clamp holds it; clamp an edge that its yarns reach"
+        )

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Quantities with units, as people write them, to plain SI numbers and back for logs.
+
+The registry is our own and small: in it an angle is a dimension (so that "45 deg" cannot pass for
+a count, nor "2.4 ends" for an angle), and a unit nobody uses for cloth is unknown rather than
+something unexpected ("n" is no newton, "lambda" no litre).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from numbers import Real
+from typing import Any, overload
+
+import pint
+
+from cruciform_petsc.errors import InputError
+
+_DEFINITIONS = """
+giga- = 1e9 = G-
+mega- = 1e6 = M-
+kilo- = 1e3 = k-
+hecto- = 1e2 = h-
+deca- = 1e1 = da-
+deci- = 1e-1 = d-
+centi- = 1e-2 = c-
+milli- = 1e-3 = m-
+micro- = 1e-6 = µ- = μ- = u-
+nano- = 1e-9 = n-
+meter = [length] = m = metre
+second = [time] = s
+gram = [mass] = g
+radian = [angle] = rad
+newton = kilogram * meter / second ** 2 = N
+pascal = newton / meter ** 2 = Pa
+joule = newton * meter = J
+force_gram = 9.80665e-3 * newton = gf
+force_kilogram = 9.80665 * newton = kgf
+force_pound = 4.4482216152605 * newton = lbf
+dyne = 1e-5 * newton = dyn
+inch = 2.54e-2 * meter = in = inches
+foot = 0.3048 * meter = ft = feet
+degree = 0.017453292519943295 * radian = deg = °
+turn = 6.283185307179586 * radian
+count = []
+end = count
+pick = count
+yarn = count
+"""
+
+# SI unit -> what it measures, an example, the unit that logs use.
+_KINDS = {
+    "N/m": ("a force per width", "520 N/cm", "N/cm"),
+    "1/m": ("a number per length", "2.4 /cm", "/cm"),
+    "N*m**2": ("a flexural rigidity", "0.6 N mm^2", "N mm^2"),
+    "rad": ("an angle", "45 deg", "deg"),
+    "m": ("a length", "1 mm", "mm"),
+    "N": ("a force", "2 N", "N"),
+}
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry:
+    """Make the registry; once, because that takes a moment."""
+    registry: pint.UnitRegistry = pint.UnitRegistry(None)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+@lru_cache(maxsize=256)
+def _factor(text: str, unit: str) -> float:
+    """Return how many `unit` one `text` is; ValueError says in words why it is none."""
+    kind, example, _ = _KINDS[unit]
+    registry = _registry()
+    try:
+        # pint reads "/cm" only with something in front of the slash
+        parsed = registry.parse_units("1" + text if text.startswith("/") else text)
+    except pint.UndefinedUnitError as error:
+        names = error.unit_names
+        name = names if isinstance(names, str) else ", ".join(names)
+        raise ValueError(f'has the unknown unit "{name}", write for example "{example}"') from None
+    except Exception:  # pint's parser fails with many types, from TypeError to AssertionError
+        problem = f'has the unreadable unit "{text}", write for example "{example}"'
+        raise ValueError(problem) from None
+    wanted = registry.parse_units(unit)
+    if parsed.dimensionality != wanted.dimensionality:
+        raise ValueError(f'has the unit "{text}", which is not that of {kind} like "{example}"')
+    return float(registry.Quantity(1.0, parsed).to(wanted).magnitude)
+
+
+def parse(value: Any, unit: str, *, bare: bool = False) -> float:
+    """Turn one quantity into SI; what is wrong is a ValueError without the key.
+
+    Parameters
+    ----------
+    value : str
+        Number and unit, "520 N/cm".
+    unit : str
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m" or "N".
+    bare : bool
+        Take a number without unit as SI already (scripts may, case files may not).
+
+    Raises
+    ------
+    ValueError
+        The end of a sentence that begins with the key.
+    """
+    kind, example, _ = _KINDS[unit]
+    if isinstance(value, Real) and not isinstance(value, bool):
+        number = float(value)
+        if not bare:
+            raise ValueError(f'is the bare number {value}, give it a unit like "{example}"')
+        if not math.isfinite(number):
+            raise ValueError(f"must be finite, got {value}")
+        return number
+    if not isinstance(value, str):
+        raise ValueError(f'must be {kind} in quotes like "{example}", got {value!r}')
+    match = _NUMBER.fullmatch(value)
+    if match is None:
+        raise ValueError(f'must be a finite number with a unit like "{example}", got "{value}"')
+    digits, text = match.groups()
+    text = text.strip()
+    if not text:
+        raise ValueError(f'= "{value}" has no unit, write for example "{example}"')
+    if re.match(r"[,.\d](?!\s*/)", text):  # a second number; only the 1 of "2.4 1/cm" may stand
+        raise ValueError(f'must be one number and a unit like "{example}", got "{value}"')
+    try:
+        number = float(digits) * _factor(text, unit)
+    except ValueError as error:
+        raise ValueError(f'= "{value}" {error}') from None
+    if not math.isfinite(number):
+        raise ValueError(f'must be finite, got "{value}"')
+    return number
+
+
+@overload
+def to_si(value: list[Any], unit: str, key: str, *, bare: bool = ...) -> list[float]: ...
+@overload
+def to_si(value: Any, unit: str, key: str, *, bare: bool = ...) -> float: ...
+def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | list[float]:
+    """Turn a quantity with its unit, or a list of them, into SI numbers.
+
+    Parameters
+    ----------
+    value : str or list of str
+        "520 N/cm", "2.4 /cm", "2.4 ends/cm", "0.6 N mm^2", "45 deg", "1 mm", "2 N".
+    unit : str
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m" or "N".
+    key : str
+        Where the value stands, for the message: "fabric.warp.modulus".
+    bare : bool
+        Take a number without unit as SI already (scripts may, case files may not).
+
+    Returns
+    -------
+    float or list of float
+
+    Raises
+    ------
+    InputError
+        No unit, an unknown one, a wrong dimension, no finite number, an empty list.
+    """
+    if isinstance(value, list):
+        if not value:
+            raise InputError(f"{key} is an empty list, give at least one value")
+        return [to_si(item, unit, f"{key}[{i}]", bare=bare) for i, item in enumerate(value)]
+    try:
+        return parse(value, unit, bare=bare)
+    except ValueError as error:
+        raise InputError(f"{key} {error}") from None
+
+
+def format_si(value: float, unit: str) -> str:
+    """Write an SI number for people: ``format_si(52000.0, "N/m")`` is "520 N/cm"."""
+    shown = _KINDS[unit][2]
+    return f"{value / _factor(shown, unit):.6g} {shown}"

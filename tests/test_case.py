@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: MIT
+"""The case file: what it gives, and what it says about mistakes."""
+
+import json
+import math
+
+import pytest
+
+from cruciform_petsc.case import Case
+from cruciform_petsc.errors import InputError
+
+SPECIMEN = """
+title = "the paper's specimen"
+[fabric]
+use = "e-glass-plain-2.4"
+[preform]
+outline = { rectangle = ["2.4 cm", "3.6 cm"] }
+bias_angle = "45 deg"
+[test]
+extension = "1 mm"
+"""
+
+OWN_FABRIC = """
+[fabric]
+warp = { modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }
+weft = { modulus = "260 N/cm", poisson = 0.225, yarns = "1.9 /cm", yarn_bending = "0.2 N mm^2" }
+shear = { modulus = "0.96 N/cm" }
+[preform]
+outline = { polygon = [["0 mm", "0 mm"], ["40 mm", "0 mm"], ["40 mm", "60 mm"], ["0 mm", "60 mm"]],
+            holes = [[["10 mm", "10 mm"], ["20 mm", "10 mm"], ["15 mm", "20 mm"]]] }
+bias_angle = "30 deg"
+refine = 4
+origin = ["1 mm", "2 mm"]
+[test]
+kind = "bias-extension"
+upper = "centre-line"
+load = ["1 N", "2 N"]
+model = "separate"
+form = "printed"
+bending = false
+[continuum]
+compare = true
+mesh_size = "0.5 mm"
+ladder = [1, 2, 4]
+[solver]
+options = { ksp_type = "cg", ksp_rtol = 1e-9, ksp_max_it = 50, ksp_view = true }
+[output]
+directory = "results/own"
+pictures = false
+paraview = false
+""".replace('"60 mm"]],\n            ', '"60 mm"]], ')  # an inline table is one line
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a case file and return its path."""
+
+    def writer(text: str):
+        path = tmp_path / "case.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return writer
+
+
+def test_defaults(write):
+    """Only fabric, outline, angle and one of extension and load are asked for."""
+    case = Case.load(write(SPECIMEN))
+    assert case.title == "the paper's specimen"
+    assert case.fabric().warp.modulus == pytest.approx(52000.0)
+    preform = case.preform()
+    assert preform.outline.bounds == pytest.approx((-0.012, 0.0, 0.012, 0.036))
+    assert (preform.refine, preform.yarns_per_cruciform, preform.origin) == (1, 1, None)
+    test = case.test
+    assert (test.kind, test.upper, test.model) == ("bias-extension", "grip", "coupled")
+    assert (test.form, test.bending, test.is_curve) == ("consistent", True, False)
+    assert (test.extension_si, test.load_si) == ([1e-3], None)
+    assert (case.continuum.compare, case.continuum.mesh_size_si) == (False, None)
+    assert case.solver.options == {}
+    assert (case.output.directory, case.output.pictures, case.output.paraview) == (
+        "results",
+        True,
+        True,
+    )
+
+
+def test_everything_given(write):
+    """Own fabric, polygon with a hole, a list of loads, all options."""
+    case = Case.load(write(OWN_FABRIC))
+    fabric = case.fabric()
+    assert fabric.weft.poisson == 0.225
+    assert fabric.weft.yarn_bending == pytest.approx(0.2e-6)
+    preform = case.preform()
+    assert preform.outline.area == pytest.approx(40e-3 * 60e-3 - 50e-6)
+    assert preform.bias_angle == pytest.approx(math.radians(30))
+    assert preform.lattice_origin == pytest.approx([1e-3, 2e-3])
+    assert (preform.refine, case.preform(refine=8).refine) == (4, 8)
+    assert (case.test.load_si, case.test.extension_si, case.test.is_curve) == ([1, 2], None, True)
+    assert (case.test.form, case.test.upper) == ("printed", "centre-line")
+    assert case.continuum.mesh_size_si == pytest.approx(0.5e-3)
+    assert case.continuum.ladder == [1, 2, 4]
+    assert case.solver.options == {
+        "ksp_type": "cg",
+        "ksp_rtol": 1e-9,
+        "ksp_max_it": 50,
+        "ksp_view": True,
+    }
+
+
+@pytest.mark.parametrize("text", [SPECIMEN, OWN_FABRIC])
+def test_dump_is_json_and_a_case_again(write, text):
+    """What was run can be stored with the results and run again."""
+    case = Case.load(write(text))
+    dump = json.loads(json.dumps(case.model_dump()))
+    assert set(dump) == {"title", "fabric", "preform", "test", "continuum", "solver", "output"}
+    assert Case.from_data(dump) == case
+
+
+def test_rectangle_with_a_hole(write):
+    """A hole can be cut from a rectangle too."""
+    hole = 'preform.outline.holes=[[["0 mm", "9 mm"], ["5 mm", "9 mm"], ["0 mm", "19 mm"]]]'
+    preform = Case.load(write(SPECIMEN), [hole]).preform()
+    assert preform.outline.area == pytest.approx(24e-3 * 36e-3 - 25e-6)
+
+
+def test_overrides(write):
+    """Values are read as TOML, or taken as text if they are none; tables are made when missing."""
+    overrides = [
+        "preform.refine=4",
+        "preform.bias_angle=30 deg",
+        'test.extension=["1 mm", "2 mm"]',
+        "continuum.compare=true",
+        "solver.options.pc_type=gamg",
+        'title = "a = b"',
+    ]
+    case = Case.load(write(SPECIMEN), overrides)
+    assert case.preform().refine == 4
+    assert case.preform().bias_angle == pytest.approx(math.radians(30))
+    assert case.test.extension_si == pytest.approx([1e-3, 2e-3])
+    assert case.continuum.compare is True
+    assert case.solver.options == {"pc_type": "gamg"}
+    assert case.title == "a = b"
+
+
+@pytest.mark.parametrize("override", ["preform.refine", "=4", "a..b=1", "a b=1", ""])
+def test_bad_override(write, override):
+    """An override that is none says how one looks."""
+    with pytest.raises(InputError) as caught:
+        Case.load(write(SPECIMEN), [override])
+    assert str(caught.value) == f'--set "{override}" is not of the form preform.refine=4'
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["preform.refin=4"], '[preform] has the unknown key "refin" (did you mean "refine"?)'),
+        (
+            ["prefrom.refine=4"],
+            'the case file has the unknown key "prefrom" (did you mean "preform"?)',
+        ),
+        (
+            ["preform.outline.polgon=1"],
+            '[preform.outline] has the unknown key "polgon" (did you mean "polygon"?)',
+        ),
+        (
+            ['fabric={warp={modulus="1 N/cm", poisson=0.1, yarns="1 /cm", colour=1}}'],
+            '[fabric.warp] has the unknown key "colour" '
+            "(known: modulus, poisson, yarns, yarn_bending)",
+        ),
+        (["title.x=3"], '--set "title.x=3": title is a value, not a table'),
+        (["preform.refine=4.5"], "preform.refine must be a whole number, got 4.5"),
+        (["preform.refine=two"], "preform.refine must be a whole number, got 'two'"),
+        (["preform.refine=true"], "preform.refine must be a whole number, got True"),
+        (["preform.refine=0"], "preform.refine must be a whole number from 1 up, got 0"),
+        (["test.bending=1"], "test.bending must be true or false, got 1"),
+        (["test=3"], "test must be a table, got 3"),
+        (["title=3"], "title must be a text in quotes, got 3"),
+        (['output.directory=""'], "output.directory must be a name that is not empty, got ''"),
+        (["test.upper=clamp"], 'test.upper must be "grip" or "centre-line", got \'clamp\''),
+        (["test.kind=drape"], "test.kind must be \"bias-extension\", got 'drape'"),
+        (
+            ["preform.bias_angle=45"],
+            'preform.bias_angle is the bare number 45, give it a unit like "45 deg"',
+        ),
+        (
+            ["test.extension=1 N"],
+            'test.extension = "1 N" has the unit "N", which is not that of a length like "1 mm"',
+        ),
+        (
+            ['test.extension=["1 mm", 2]'],
+            'test.extension (value 2) is the bare number 2, give it a unit like "1 mm"',
+        ),
+        (["test.extension=[]"], "test.extension is an empty list, give at least one value"),
+        (["test.load=1 N"], "test needs exactly one of extension and load, got both"),
+        (["test={}"], "test needs exactly one of extension and load, got neither"),
+        (["test.form=printed"], 'test has form = "printed", which needs model = "separate"'),
+        (
+            ["fabric={}"],
+            "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
+        ),
+        (
+            ['fabric.shear={modulus="1 N/cm"}'],
+            "fabric needs either use or warp, weft and shear, not both",
+        ),
+        (
+            ["fabric.warp={poisson=0.1}"],
+            "fabric.warp.modulus is missing; fabric.warp.yarns is missing",
+        ),
+        (
+            ["fabric.use=e-glas-plain"],
+            'fabric.use: there is no fabric "e-glas-plain" in the library '
+            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4")',
+        ),
+        (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
+        (
+            ['preform.outline={rectangle=["1 mm"]}'],
+            "preform.outline.rectangle must be a list of 2, got 1",
+        ),
+        (
+            ['preform.outline={polygon=[["1 mm", "1 mm"], ["2 mm", "1 mm"]]}'],
+            "preform.outline.polygon must be a list of at least 3, got 2",
+        ),
+        (
+            ['preform.outline={rectangle=["1 mm", "1 mm"]}'],
+            "preform.outline (1 mm x 1 mm) is smaller than one cruciform (4.16667 mm x "
+            "4.16667 mm along the yarns), make it larger or raise preform.refine",
+        ),
+        (
+            ['preform.outline={polygon=[["0 cm", "0 cm"], ["5 cm", "0 cm"], ["2 cm", "5 cm"]]}'],
+            'test.kind = "bias-extension": preform has no edge "upper" (no straight piece of the '
+            "outline lies at its largest y, known: lower, outline-1 to outline-3)",
+        ),
+        (["continuum.mesh_size=0 mm"], 'continuum.mesh_size must be positive, got "0 mm"'),
+        (
+            ["continuum.ladder=[1, 0]"],
+            "continuum.ladder[1] must be a whole number from 1 up, got 0",
+        ),
+        (
+            ["continuum.ladder=[1, 2]", "preform.yarns_per_cruciform=2"],
+            "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, got 2",
+        ),
+        (
+            ["solver.options={'-ksp_type'='cg'}"],
+            'solver.options has the option "-ksp_type", write it like "ksp_type", without a dash',
+        ),
+        (
+            ["solver.options={ksp_rtol=[1]}"],
+            'solver.options "ksp_rtol" must be a string, a number or true/false, got [1]',
+        ),
+        (
+            ["a=1", "b=1", "c=1", "d=1"],
+            "; ".join(
+                f'the case file has the unknown key "{key}" '
+                "(known: title, fabric, preform, test, continuum, solver, output)"
+                for key in "abc"
+            )
+            + "; and 1 more",
+        ),
+    ],
+)
+def test_refused(write, overrides, message):
+    """Each mistake is one sentence with its key."""
+    with pytest.raises(InputError) as caught:
+        Case.load(write(SPECIMEN), overrides)
+    assert str(caught.value) == message
+
+
+def test_bending_needs_a_bending_rigidity(write):
+    """Bending of yarns without rigidity would leave rotations without stiffness."""
+    text = OWN_FABRIC.replace(', yarn_bending = "0.2 N mm^2"', "")
+    Case.load(write(text))
+    with pytest.raises(InputError) as caught:
+        Case.load(write(text), ["test.bending=true"])
+    assert str(caught.value) == (
+        "test.bending is true but fabric.weft.yarn_bending is zero, "
+        "give it a value or set test.bending = false"
+    )
+
+
+def test_missing_keys(tmp_path):
+    """An empty file is told what it lacks."""
+    path = tmp_path / "empty.toml"
+    path.write_text("")
+    with pytest.raises(InputError) as caught:
+        Case.load(path)
+    assert str(caught.value) == "fabric is missing; preform is missing; test is missing"
+
+
+def test_files(tmp_path, write):
+    """Whatever is wrong with the file itself is one sentence."""
+    good = write(SPECIMEN)
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes(b'title = "gr\xfcn"')
+    text = tmp_path / "no.toml"
+    text.write_text("title = 'a'\nthis is not TOML\n")
+    for path, message in [
+        (tmp_path / "cas.toml", f'"{tmp_path}/cas.toml" does not exist, did you mean "{good}"?'),
+        (tmp_path / "no" / "x.toml", f'"{tmp_path}/no/x.toml" does not exist'),
+        (tmp_path, f'"{tmp_path}" is a folder, name a TOML file in it'),
+        (good / "x", f'"{good}/x" cannot be read: Not a directory'),
+        (latin, f'"{latin}" is not UTF-8 text (byte 12), save it as UTF-8'),
+    ]:
+        with pytest.raises(InputError) as caught:
+            Case.load(path)
+        assert str(caught.value) == f"case file {message}"
+    with pytest.raises(InputError, match=r"no\.toml\" is not TOML: .*at line 2, column"):
+        Case.load(text)

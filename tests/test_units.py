@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""Quantities with units."""
+
+import math
+
+import pytest
+
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.units import format_si, to_si
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "si"),
+    [
+        ("520 N/cm", "N/m", 52000.0),
+        ("0.96 N/cm", "N/m", 96.0),
+        ("52 kN/m", "N/m", 52000.0),
+        ("2.4 /cm", "1/m", 240.0),
+        ("2.4 1/cm", "1/m", 240.0),
+        ("2.4 ends/cm", "1/m", 240.0),
+        ("2.4 picks/cm", "1/m", 240.0),
+        ("2.4yarns/cm", "1/m", 240.0),
+        ("6.096 /inch", "1/m", 240.0),
+        ("0.6 N mm^2", "N*m**2", 0.6e-6),
+        ("0.6 N*mm**2", "N*m**2", 0.6e-6),
+        ("0.6 N·mm²", "N*m**2", 0.6e-6),
+        ("45 deg", "rad", math.pi / 4),
+        ("-45°", "rad", -math.pi / 4),
+        ("0.5 rad", "rad", 0.5),
+        ("1 mm", "m", 1e-3),
+        (" +1.e0 mm ", "m", 1e-3),
+        ("0 mm", "m", 0.0),
+        ("2 N", "N", 2.0),
+        ("2e3 mN", "N", 2.0),
+    ],
+)
+def test_accepted(text, unit, si):
+    """Everything people write for one quantity gives the same SI number."""
+    assert to_si(text, unit, "key") == pytest.approx(si, rel=1e-14, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "message"),
+    [
+        (520, "N/m", 'key is the bare number 520, give it a unit like "520 N/cm"'),
+        (0.0, "m", 'key is the bare number 0.0, give it a unit like "1 mm"'),
+        ("520", "N/m", 'key = "520" has no unit, write for example "520 N/cm"'),
+        ("45", "rad", 'key = "45" has no unit, write for example "45 deg"'),
+        (
+            "1 furlong",
+            "m",
+            'key = "1 furlong" has the unknown unit "furlong", write for example "1 mm"',
+        ),
+        (
+            "520 n/cm",
+            "N/m",
+            'key = "520 n/cm" has the unknown unit "n", write for example "520 N/cm"',
+        ),
+        (
+            "520 N/cm^2",
+            "N/m",
+            'key = "520 N/cm^2" has the unit "N/cm^2", which is not that of a force per width '
+            'like "520 N/cm"',
+        ),
+        (
+            "45 ends",
+            "rad",
+            'key = "45 ends" has the unit "ends", which is not that of an angle like "45 deg"',
+        ),
+        (
+            "2.4 deg/cm",
+            "1/m",
+            'key = "2.4 deg/cm" has the unit "deg/cm", which is not that of a number per length '
+            'like "2.4 /cm"',
+        ),
+        ("1 (mm", "m", 'key = "1 (mm" has the unreadable unit "(mm", write for example "1 mm"'),
+        ("1 cm^0", "m", 'key = "1 cm^0" has the unreadable unit "cm^0", write for example "1 mm"'),
+        ("nan mm", "m", 'key must be a finite number with a unit like "1 mm", got "nan mm"'),
+        ("inf mm", "m", 'key must be a finite number with a unit like "1 mm", got "inf mm"'),
+        ("1e999 mm", "m", 'key must be finite, got "1e999 mm"'),
+        ("1,5 mm", "m", 'key must be one number and a unit like "1 mm", got "1,5 mm"'),
+        ("2 10/cm", "1/m", 'key must be one number and a unit like "2.4 /cm", got "2 10/cm"'),
+        ("", "m", 'key must be a finite number with a unit like "1 mm", got ""'),
+        (None, "m", 'key must be a length in quotes like "1 mm", got None'),
+        (True, "m", 'key must be a length in quotes like "1 mm", got True'),
+        ([], "m", "key is an empty list, give at least one value"),
+        (["1 mm", 2], "m", 'key[1] is the bare number 2, give it a unit like "1 mm"'),
+    ],
+)
+def test_refused(value, unit, message):
+    """The message names the key, what it got and what would be right."""
+    with pytest.raises(InputError) as caught:
+        to_si(value, unit, "key")
+    assert str(caught.value) == message
+
+
+def test_list():
+    """A list gives a list."""
+    assert to_si(["1 mm", "0.2 cm"], "m", "key") == pytest.approx([1e-3, 2e-3])
+
+
+def test_bare_numbers_for_scripts():
+    """Scripts may give SI numbers, but only finite ones."""
+    assert to_si(0.075, "m", "key", bare=True) == 0.075
+    assert to_si(["1 mm", 2], "m", "key", bare=True) == pytest.approx([1e-3, 2.0])
+    with pytest.raises(InputError, match="key must be finite, got nan"):
+        to_si(math.nan, "m", "key", bare=True)
+    with pytest.raises(InputError, match="key must be a length"):
+        to_si(True, "m", "key", bare=True)
+
+
+@pytest.mark.parametrize(
+    ("si", "unit", "text"),
+    [
+        (52000.0, "N/m", "520 N/cm"),
+        (240.0, "1/m", "2.4 /cm"),
+        (0.6e-6, "N*m**2", "0.6 N mm^2"),
+        (math.pi / 4, "rad", "45 deg"),
+        (1e-3, "m", "1 mm"),
+        (2.0, "N", "2 N"),
+    ],
+)
+def test_format(si, unit, text):
+    """Logs use the units of the trade, and what they write can be read back."""
+    assert format_si(si, unit) == text
+    assert to_si(text, unit, "key") == pytest.approx(si, rel=1e-14)
