@@ -35,6 +35,8 @@ class Constraints:
         Rows: the node's displacement axes in the yarn frame.
     held : bool (n_local,)
         Clamped: both displacements and the yarn's direction are prescribed.
+    held_arm : bool (n_local, 4)
+        Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
     tied : bool (n_local,)
         The first displacement is one common unknown of all tied nodes.
     force : float (n_local, 2)
@@ -48,6 +50,7 @@ class Constraints:
         self.value = np.zeros((n, d))
         self.frame = np.tile(np.eye(2), (n, 1, 1))
         self.held = np.zeros(n, bool)
+        self.held_arm = np.zeros((n, 4), bool)
         self.tied = np.zeros(n, bool)
         self.force = np.zeros((n, 2))
 
@@ -61,12 +64,17 @@ class Constraints:
         candidates = np.flatnonzero(network.node_is_boundary)
         distance = _distance_to_segments(network.node_position[candidates], segments)
         on = np.zeros(network.num_nodes_local, bool)
-        on[candidates[distance <= SHORTEST_ARM * network.pitch.max()]] = True
+        on[candidates[distance <= self._tolerance]] = True
         network.exchange.forward(on)
         found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
         if found == 0:
             raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
         return np.flatnonzero(on)
+
+    @property
+    def _tolerance(self) -> float:
+        """How far a node may be from an edge that it lies on, m."""
+        return SHORTEST_ARM * float(self.network.pitch.max())
 
     def clamp(self, edge: str, displacement=(0.0, 0.0)) -> np.ndarray:
         """Hold an edge: yarns keep their direction; it may move by (x, y) metres. Collective.
@@ -77,6 +85,14 @@ class Constraints:
         self.fixed[nodes] = True
         self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
         self.held[nodes] = True
+        arms = self.network.arm_directions @ self.network.preform.rotation
+        for segment in self.network.preform.edge(edge):
+            tangent = (segment[1] - segment[0]) / np.hypot(*(segment[1] - segment[0]))
+            leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
+            on = nodes[_distance_to_segments(self.network.node_position[nodes], segment[None])
+                       <= self._tolerance]
+            self.held_arm[on] |= leaves
+        self.network.exchange.forward(self.held_arm)
         return nodes
 
     def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
@@ -131,8 +147,10 @@ class Constraints:
             tangent = (segment[1] - segment[0]) / length
             normal = network.preform.rotation @ np.array([tangent[1], -tangent[0]])
             where = (network.node_position[owned] - segment[0]) @ tangent
-            tolerance = SHORTEST_ARM * network.pitch.max()
-            near = _distance_to_segments(network.node_position[owned], segment[None]) <= tolerance
+            near = (
+                _distance_to_segments(network.node_position[owned], segment[None])
+                <= self._tolerance
+            )
             counts = []
             for f in (0, 1):
                 # A hinge on the edge is an end of both families.

@@ -58,8 +58,9 @@ def find_supports(constraints: Constraints) -> Supports:
       arm of its yarn, as bending would make it; its strain is its own.
     - Without yarn bending a crossover that hangs on by a single arm end turns freely about it and
       is left out; this is repeated until none is left.
-    - A yarn that has neither arm at a crossover on a free edge (the tip of a corner) carries nothing
-      there.
+    - A yarn that has neither arm at its crossover (the tip of a corner) carries nothing in the
+      quadrants beside a free edge. Where the corner is the end of a clamp, just the half of the
+      other yarn that ends on the clamp is held by it, then.
 
     Raises InputError on every rank if a part of the network hangs on no clamp.
     """
@@ -70,7 +71,7 @@ def find_supports(constraints: Constraints) -> Supports:
     boundary = network.boundary_crossovers
     nodes = network.arm_node[boundary]
     missing = network.arm_length[boundary] == 0
-    held = constraints.held[nodes]
+    held = constraints.held_arm[nodes, np.arange(4)]
     own = np.broadcast_to(np.arange(4), nodes.shape)
     other = np.broadcast_to(OPPOSITE, nodes.shape)
     other_missing, other_held = missing[:, OPPOSITE], held[:, OPPOSITE]

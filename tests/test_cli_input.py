@@ -38,7 +38,8 @@ LAUNCHER = {  # mpirun as root in a container, more ranks than cores
 def launch(ranks, *command, timeout=60.0):
     """Run python3 with these arguments on so many ranks; 0 ranks: without mpirun."""
     # An MPI job must not think it is part of the one that this process may belong to.
-    env = {k: v for k, v in os.environ.items() if not k.startswith(("PMIX_", "OMPI_COMM_"))}
+    mpi_job = re.compile(r"PMIX_(?!MCA_)|OMPI_COMM_|PMI_")
+    env = {key: value for key, value in os.environ.items() if not mpi_job.match(key)}
     launcher = ["mpirun", "-n", str(ranks)] if ranks else []
     return subprocess.run(
         [*launcher, sys.executable, *map(str, command)],
@@ -56,7 +57,7 @@ def cruciform_petsc(ranks, *arguments):
 
 
 def sentences(result):
-    """What the program itself said on stderr; the launcher has its own words."""
+    """Return what the program itself said on stderr; the launcher has its own words."""
     # One launcher glues the ranks' lines to its own, so look for the name, not for line starts.
     return re.findall(r"cruciform-petsc: (.*)", result.stderr)
 
@@ -71,7 +72,7 @@ def assert_refused(result, message):
 
 @pytest.fixture
 def case(tmp_path):
-    """A good case file."""
+    """Write a good case file."""
     path = tmp_path / "case.toml"
     path.write_text(SPECIMEN)
     return path
@@ -120,6 +121,10 @@ BAD_INPUT = {
     "unwritable folder": (
         ["--output", "/proc/no/folder"],
         'output folder "/proc/no/folder" cannot be written: No such file or directory',
+    ),
+    "unwritable folder that exists": (
+        ["--output", "/proc"],
+        'output folder "/proc" cannot be written: No such file or directory',
     ),
     "mistyped option": (["--outptu=x"], 'there is no option "--outptu", did you mean "--output"?'),
     "argparse": (["--set"], "argument --set: expected one argument"),

@@ -262,19 +262,24 @@ def test_bad_rectangle(sides):
         Preform.rectangle(*sides)
 
 
+MM = 1e-3
+SLIVER = [(0.0, 0.0), (20 * MM, 19 * MM), (20 * MM, 20 * MM)]
+STRIP = [(0.0, 0.0), (2 * MM, -2 * MM), (42 * MM, 38 * MM), (40 * MM, 40 * MM)]  # along the warp
+
+
 @pytest.mark.parametrize(
-    ("width", "length", "bias"),
+    ("outline", "bias"),
     [
-        ("4 mm", "4 mm", "0 deg"),  # area
-        ("3 mm", "400 mm", "45 deg"),  # narrower than a pitch
-        ("400 mm", "4.1 mm", "0 deg"),  # a warp yarn shorter than a pitch
+        (SLIVER, "0 deg"),  # by its area only
+        ([(0, 0), (3 * MM, 0), (3 * MM, 400 * MM), (0, 400 * MM)], "45 deg"),  # width only
+        (STRIP, "45 deg"),  # its weft yarns only: shorter than a pitch
     ],
 )
-def test_smaller_than_a_cruciform(width, length, bias):
-    """Area, width and yarns are too small; a finer network has room in each."""
-    with pytest.raises(InputError, match="is smaller than one cruciform .* raise preform.refine$"):
-        Preform.rectangle(width, length, bias).check_size(TABLE_1)
-    Preform.rectangle(width, length, bias, refine=8).check_size(TABLE_1)
+def test_smaller_than_a_cruciform(outline, bias):
+    """Area, width and yarns can be too small; a finer network has room in each."""
+    with pytest.raises(InputError, match=r"is smaller than one cruciform .* raise preform.refine$"):
+        Preform.polygon(outline, (), bias).check_size(TABLE_1)
+    Preform.polygon(outline, (), bias, refine=8).check_size(TABLE_1)
 
 
 def test_one_cruciform_is_enough():

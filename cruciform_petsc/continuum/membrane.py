@@ -38,7 +38,7 @@ from .points import evaluate
 # Triangles that rank 0 may make; a finer mesh is that of all ranks, by refinement.
 MAX_TRIANGLES_RANK_0 = 100_000
 # Unknowns up to which the matrix is factorised.
-MAX_DOFS_DIRECT = 300_000
+MAX_DOFS_DIRECT = 1_000_000
 
 # The mesh is graded within this part of the outline's width, around corners that turn inwards by
 # more than this angle and around the ends of clamps.
@@ -54,10 +54,10 @@ DIRECT = {
 ITERATIVE = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",
-    "ksp_rtol": "1e-10",
+    "ksp_rtol": "1e-11",
     "ksp_max_it": "2000",
     "pc_type": "gamg",
-    "pc_gamg_threshold": "0.01",
+    "pc_gamg_threshold": "0.03",
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
 }

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Woven fabrics as parallel networks of cruciform elements.
+
+Names are loaded when they are first used, so that the command line can hand its options to PETSc
+before anything starts it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from .case import Case
+    from .errors import CruciformError, InputError, SolverError
+    from .experiments.bias_extension import BiasExtension, BiasExtensionResult
+    from .fabric import Fabric, YarnFamily
+    from .network import Network
+    from .preform import Preform
+
+_HOME = {
+    "BiasExtension": "experiments.bias_extension",
+    "BiasExtensionResult": "experiments.bias_extension",
+    "Case": "case",
+    "CruciformError": "errors",
+    "Fabric": "fabric",
+    "InputError": "errors",
+    "Network": "network",
+    "Preform": "preform",
+    "SolverError": "errors",
+    "YarnFamily": "fabric",
+}
+__all__ = [
+    "BiasExtension",
+    "BiasExtensionResult",
+    "Case",
+    "CruciformError",
+    "Fabric",
+    "InputError",
+    "Network",
+    "Preform",
+    "SolverError",
+    "YarnFamily",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOME[name]}", __name__), name)
