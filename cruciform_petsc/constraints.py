@@ -84,16 +84,19 @@ class Constraints:
         nodes = self.nodes_on(edge)
         self.fixed[nodes] = True
         self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
+        self._hold(edge, nodes)
+        return nodes
+
+    def _hold(self, edge: str, nodes: np.ndarray) -> None:
+        """Note which nodes are clamped and which of their yarns leave through the clamp."""
         self.held[nodes] = True
         arms = self.network.arm_directions @ self.network.preform.rotation
         for segment in self.network.preform.edge(edge):
             tangent = (segment[1] - segment[0]) / np.hypot(*(segment[1] - segment[0]))
             leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
-            on = nodes[_distance_to_segments(self.network.node_position[nodes], segment[None])
-                       <= self._tolerance]
-            self.held_arm[on] |= leaves
+            distance = _distance_to_segments(self.network.node_position[nodes], segment[None])
+            self.held_arm[nodes[distance <= self._tolerance]] |= leaves
         self.network.exchange.forward(self.held_arm)
-        return nodes
 
     def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
         """Move an edge along a direction (x, y) by metres, free across it. Collective.
@@ -105,10 +108,16 @@ class Constraints:
         self.value[nodes, 0] = displacement
         return nodes
 
-    def tie(self, edge: str, direction) -> np.ndarray:
-        """Let an edge move along a direction as one, by an unknown amount. Collective."""
+    def tie(self, edge: str, direction, gripped: bool) -> np.ndarray:
+        """Let an edge move along a direction as one, by an unknown amount. Collective.
+
+        Across it the edge is free, or with ``gripped`` held like a clamp. Returns the local nodes.
+        """
         nodes = self._turn(edge, direction)
         self.tied[nodes] = True
+        if gripped:
+            self.fixed[nodes, 1:] = True
+            self._hold(edge, nodes)
         return nodes
 
     def _turn(self, edge: str, direction) -> np.ndarray:

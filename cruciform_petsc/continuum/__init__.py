@@ -2,13 +2,12 @@
 """The continuum reference in dolfinx: an orthotropic membrane of the same cut."""
 
 from .compare import Comparison, compare_fields
-from .membrane import KspInfo, Membrane, MembraneResult
+from .membrane import Membrane, MembraneResult
 from .mesh import outline_mesh
 from .points import evaluate
 
 __all__ = [
     "Comparison",
-    "KspInfo",
     "Membrane",
     "MembraneResult",
     "compare_fields",

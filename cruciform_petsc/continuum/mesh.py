@@ -94,9 +94,7 @@ def grade_mesh(
     return mesh
 
 
-def _refine(
-    mesh: dolfinx.mesh.Mesh, edges: np.ndarray | None, is_last: bool
-) -> dolfinx.mesh.Mesh:
+def _refine(mesh: dolfinx.mesh.Mesh, edges: np.ndarray | None, is_last: bool) -> dolfinx.mesh.Mesh:
     """Split edges (None: all); the last of several refinements deals the mesh out afresh."""
     partitioner = dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none)
     return dolfinx.mesh.refine(mesh, edges, partitioner if is_last else None)[0]
@@ -121,9 +119,7 @@ def _rectangle(
     )
 
 
-def _unstructured(
-    comm: MPI.Intracomm, outline: shapely.Polygon, size: float
-) -> dolfinx.mesh.Mesh:
+def _unstructured(comm: MPI.Intracomm, outline: shapely.Polygon, size: float) -> dolfinx.mesh.Mesh:
     points, triangles, problem = np.empty((0, 2)), np.empty((0, 3), np.int64), ""
     if comm.rank == 0:
         try:

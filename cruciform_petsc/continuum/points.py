@@ -109,9 +109,7 @@ def _exchange(
     in_count = np.empty_like(out_count)
     comm.Alltoall(out_count, in_count)
     received = np.empty((in_count.sum(), width))
-    comm.Alltoallv(
-        [np.ascontiguousarray(rows), out_count * width], [received, in_count * width]
-    )
+    comm.Alltoallv([np.ascontiguousarray(rows), out_count * width], [received, in_count * width])
     return received, in_count
 
 
