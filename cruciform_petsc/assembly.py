@@ -53,6 +53,9 @@ class LinearNetwork:
         2, or 3 with yarn bending.
     length_scale : float
         Rotations are stored times this length (the mean pitch), m.
+    force : float (n_local, 2)
+        constraints.force as it was when this object was made, with the loads on crossovers that
+        carry nothing moved to the arm ends they hang on.
     """
 
     def __init__(self, constraints: Constraints):
@@ -61,6 +64,7 @@ class LinearNetwork:
         self.unknowns_per_node = 3 if self.bending else 2
         self.supports: Supports = find_supports(constraints)
         self.length_scale = float(self.network.pitch.mean())
+        self.force = self._pass_on(constraints.force)
         self.groups = [self._regular_group(), self._boundary_group()]
         self._condensed: dict[tuple[str, ...], list] = {}
         self.free = self.supports.active & ~constraints.fixed
@@ -140,7 +144,7 @@ class LinearNetwork:
         load = np.zeros((len(rows), matrix.shape[1]))
         for k in range(4):  # u_tail across the yarn = u_0 + a theta, theta the yarn's rotation
             slaved = supports.slaved[keep][:, k]
-            across = self.constraints.force[nodes[:, k]] @ network.arm_directions[(k + 1) % 4]
+            across = self.force[nodes[:, k]] @ network.arm_directions[(k + 1) % 4]
             across = np.where(slaved, across, 0.0)
             load[:, 8:10] += across[:, None] * network.arm_directions[(k + 1) % 4]
             load[:, :10] += (across * a[:, k])[:, None] * rotation[:, k]
@@ -149,6 +153,24 @@ class LinearNetwork:
         _tie_hinge_rows(tie, tied_rows, hinge_slot[tied_rows], d)
         load = tie[:, 0]
         return _Group(rows, strain, rotation, area, parts, turn, hinge_slot, load)
+
+    def _pass_on(self, force: np.ndarray) -> np.ndarray:
+        """Loads with those on crossovers that carry nothing moved to the ends they hang on."""
+        network, round_ = self.network, self.supports.round_
+        force = force.copy()
+        for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
+            onward = np.zeros(network.num_nodes_local, bool)
+            onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
+            network.exchange.forward(network.exchange.reverse(onward, np.logical_or))
+            change = np.zeros_like(force)
+            for e in np.flatnonzero(round_ == number):  # a handful, at sharp corners
+                nodes = np.unique(network.arm_node[e])
+                joint, loose = nodes[onward[nodes]], nodes[~onward[nodes]]
+                if len(joint):
+                    change[joint[0]] += force[loose].sum(axis=0)
+                    change[loose] -= force[loose]
+            force += network.exchange.forward(network.exchange.reverse(change))
+        return force
 
     def _condense(self, modes: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(stiffness on node unknowns, recovery of the hinge) of each group, cached."""
@@ -182,10 +204,14 @@ class LinearNetwork:
             self._pattern = BlockPattern(self.network, self.unknowns_per_node)
         blocks = self._pattern.empty_blocks()
         for group, (matrix, _) in zip(self.groups, self._condense(tuple(modes)), strict=True):
-            if group.turn is not None:  # only cruciforms at the outline meet unknowns not free
-                free = self._element_values(group, self.free)
-                matrix = matrix * free[:, :, None] * free[:, None, :]
-            self._pattern.add(blocks, group.rows, matrix)
+            free = self._element_values(group, self.free)
+            masked = np.ones(len(free), bool)
+            if group.turn is None:  # away from the outline few, if any, unknowns are not free
+                masked = ~free.all(axis=1)
+                self._pattern.add(blocks, group.rows[~masked], matrix)
+            free = free[masked]
+            matrix = matrix * free[:, :, None] * free[:, None, :]
+            self._pattern.add(blocks, group.rows[masked], matrix)
         d, owned = self.unknowns_per_node, self.network.num_nodes_owned
         idle = np.zeros((owned, d, d))
         idle[:, np.arange(d), np.arange(d)] = np.where(
@@ -242,9 +268,9 @@ class LinearNetwork:
         """Loads on the node unknowns, (n_local, d); those on tails passed on to their yarns."""
         constraints, d = self.constraints, self.unknowns_per_node
         loads = np.zeros((self.network.num_nodes_local, d))
-        loads[:, :2] = np.einsum("nij,nj->ni", constraints.frame, constraints.force)
+        loads[:, :2] = np.einsum("nij,nj->ni", constraints.frame, self.force)
         group = self.groups[1]
-        if self.network.comm.allreduce(float(abs(constraints.force).max(initial=0.0))) == 0.0:
+        if self.network.comm.allreduce(float(abs(self.force).max(initial=0.0))) == 0.0:
             return loads
         _, recovery = self._condense(tuple(modes or self.modes))[1]
         keep = 4 * d
@@ -326,7 +352,7 @@ class LinearNetwork:
     def _element_unknowns(self, group: _Group, recovery, local) -> np.ndarray:
         """All unknowns of each element in the yarn frame, hinge recovered; (m, 10 or 16)."""
         u = self._element_values(group, local)
-        if len(recovery) == 1:
+        if group.turn is None:
             hinge = u @ recovery[0].T
         else:
             hinge = np.einsum("eij,ej->ei", recovery, u)
@@ -347,7 +373,6 @@ class LinearNetwork:
         hinge = fields["displacement"] @ network.preform.rotation.T
         boundary = network.boundary_crossovers
         loose = self.supports.slaved | ~self.supports.carrying[boundary][:, None]
-        set_here = np.zeros(network.num_nodes_local, bool)
         for k in range(4):
             rows = np.flatnonzero(loose[:, k])
             element = boundary[rows]
@@ -360,7 +385,6 @@ class LinearNetwork:
             )
             only = ~(network.arm_is_shared[element, k] & self.supports.active[node, :2].any(axis=1))
             yarn[node[only]] = (across[:, None] * normal + along[:, None] * t)[only]
-            set_here[node[only]] = True
         return network.exchange.forward(yarn @ network.preform.rotation)
 
     def _move_hanging(self, hinge, local, rotation) -> np.ndarray:
@@ -379,6 +403,7 @@ class LinearNetwork:
                 np.add.at(turn[:, 0], network.arm_node[done, k], rotation[done, k])
                 np.add.at(turn[:, 1], network.arm_node[done, k], 1.0)
             network.exchange.forward(network.exchange.reverse(turn))
+            new = np.zeros(network.num_nodes_local, bool)
             for e in np.flatnonzero(supports.round_ == number):  # a handful, at sharp corners
                 nodes = network.arm_node[e]
                 arms = [k for k in range(4) if known[nodes[k]] and turn[nodes[k], 1] > 0]
@@ -395,10 +420,16 @@ class LinearNetwork:
                         yarn[nodes[other]] = (
                             hinge[e] + network.arm_length[e, other] * angle * across
                         )
-                        known[nodes[other]] = True
+                        new[nodes[other]] = True
+            known |= new
             done |= supports.round_ == number
-            network.exchange.reverse(known, np.logical_or)
-            network.exchange.forward(known)
+            # What has been found here goes to the other ranks that have the node.
+            found = np.zeros((network.num_nodes_local, 3))
+            found[new, :2], found[new, 2] = yarn[new], 1.0
+            network.exchange.forward(network.exchange.reverse(found))
+            told = ~known & (found[:, 2] > 0)
+            yarn[told] = found[told, :2] / found[told, 2:]
+            known |= told
         return hinge
 
 

@@ -143,7 +143,8 @@ class Constraints:
         The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
         the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
         Within a family, a piece of edge between two ends is shared as a straight line would have
-        it, so that force and moment of the load are kept.
+        it, so that force and moment of the load are kept (the moment not where a segment has a
+        single yarn end).
         """
         network = self.network
         nodes = self.nodes_on(edge)
@@ -171,11 +172,15 @@ class Constraints:
                 raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
             share = np.where(empty, 0.0, share)
             share = share / share.sum()
-            for (mine, parts), weight in zip(counts, share, strict=True):
-                lengths = _lumped_lengths(np.concatenate(parts), length)
+            where_all = [np.concatenate(parts) for _, parts in counts]
+            lengths = [
+                weight * _lumped_lengths(x, length)
+                for x, weight in zip(where_all, share, strict=True)
+            ]
+            _keep_moment(lengths, where_all, length)
+            for (mine, parts), lumped in zip(counts, lengths, strict=True):
                 before = sum(len(part) for part in parts[: network.comm.rank])
-                mine_lengths = lengths[before : before + len(mine)]
-                self.force[owned[mine]] += weight * mine_lengths[:, None] * traction
+                self.force[owned[mine]] += lumped[before : before + len(mine), None] * traction
         network.exchange.forward(self.force)
 
 
@@ -214,3 +219,16 @@ def _lumped_lengths(where: np.ndarray, length: float) -> np.ndarray:
             lumped[outer] += overhang + lean
             lumped[inner] -= lean
     return (lumped / count)[inverse]
+
+
+def _keep_moment(lengths: list[np.ndarray], where: list[np.ndarray], length: float) -> None:
+    """Lean the lumped lengths of one family, in place, until all have their moment together.
+
+    A family with a single end cannot keep its own; the one with the widest spread makes up for it.
+    """
+    excess = sum(lump @ x for lump, x in zip(lengths, where, strict=True)) - 0.5 * length**2
+    lever = [x - x.mean() if len(x) else x for x in where]
+    widest = max(range(len(lever)), key=lambda f: lever[f] @ lever[f])
+    spread = lever[widest] @ lever[widest]
+    if spread > (1e-9 * length) ** 2:
+        lengths[widest] -= excess / spread * lever[widest]

@@ -22,8 +22,9 @@ class Supports:
     Attributes
     ----------
     carrying : bool (n_owned,)
-        False for crossovers that hang on by one arm end without yarn bending: nothing keeps them
-        from turning about it, so they carry no load and are left out of equilibrium.
+        False for crossovers that carry no load and are left out of equilibrium: those that hang on
+        by one arm end without yarn bending (nothing keeps them from turning about it), and tips of
+        free corners.
     round_ : int32 (n_owned,)
         In which round of removal a crossover was left out; 0 for carrying ones.
     strain_source, rotation_source : int (n_boundary, 4)
@@ -59,7 +60,8 @@ def find_supports(constraints: Constraints) -> Supports:
     - Without yarn bending a crossover that hangs on by a single arm end turns freely about it and
       is left out; this is repeated until none is left.
     - A yarn that has neither arm at its crossover (the tip of a corner) carries nothing in the
-      quadrants beside a free edge. Where the corner is the end of a clamp, just the half of the
+      quadrants beside a free edge. At a free corner these are all quadrants, and the crossover is
+      left out, with yarn bending too. Where the corner is the end of a clamp, just the half of the
       other yarn that ends on the clamp is held by it, then.
 
     Raises InputError on every rank if a part of the network hangs on no clamp.
@@ -105,11 +107,13 @@ def find_supports(constraints: Constraints) -> Supports:
 
 def _leave_out_hanging(constraints: Constraints):
     """Carrying crossovers, round of removal, and which arms are joined to something."""
-    network = constraints.network
+    network, bending = constraints.network, constraints.bending
     n = network.num_crossovers_owned
     carrying, round_ = np.ones(n, bool), np.zeros(n, np.int32)
     fixed = constraints.fixed.any(axis=1) | constraints.tied
     missing = network.arm_length == 0
+    on_clamp = (missing & constraints.held[network.arm_node]).any(axis=1)
+    tip = (missing & missing[:, OPPOSITE]).any(axis=1) & ~on_clamp
     number = 0
     while True:
         users = np.zeros(network.num_nodes_local, np.int32)
@@ -118,10 +122,8 @@ def _leave_out_hanging(constraints: Constraints):
         network.exchange.forward(users)
         joined = network.arm_is_shared & (users[network.arm_node] > 1)
         joined |= fixed[network.arm_node] & ~missing
-        if constraints.bending:
-            return carrying, round_, joined
-        on_clamp = (missing & constraints.held[network.arm_node]).any(axis=1)
-        hanging = carrying & ~on_clamp & (joined.sum(axis=1) <= 1)
+        hanging = tip if bending else tip | (~on_clamp & (joined.sum(axis=1) <= 1))
+        hanging = hanging & carrying
         if not network.comm.allreduce(int(hanging.sum())):
             return carrying, round_, joined
         number += 1
@@ -160,6 +162,11 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> None:
     for part in network.comm.allgather(list(zip(labels, counts, sizes, strict=True))):
         for name, known_here, size in part:
             total[name] = total.get(name, 0) + np.array([known_here, size])
+    if not total:
+        raise InputError(
+            "nothing carries load: without yarn bending every crossover turns freely; switch bending "
+            "on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
+        )
     loose = [int(size) for known_total, size in total.values() if known_total < 3]
     if loose:
         raise InputError(

@@ -120,7 +120,11 @@ def make_venv(venv, missing, run):
         (packages / "parent_venv.pth").write_text("".join(lines))
     constrained = ["--constraint", venv / "constraints.txt"]
     run(python, "-m", "pip", "install", *constrained, *missing.values())
-    run(python, "-c", "import " + ", ".join(missing))
+    for name in missing:
+        trial = subprocess.run([python, "-c", f"import {name}"], capture_output=True, text=True)
+        if trial.returncode != 0:  # gmsh, for one, wants system libraries
+            error = trial.stderr.splitlines()[-1]
+            say(f"{name} is installed now, but does not work before you mend this: {error}")
 
 
 def venv_with(missing, cache):
@@ -137,6 +141,7 @@ def venv_with(missing, cache):
         def run(*command):
             # pip keeps the lock even if this process is killed: nobody deletes its files then
             streams = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
+            command = [str(part) for part in command]
             subprocess.run(command, check=True, pass_fds=[lock.fileno()], **streams)
 
         fcntl.flock(lock, fcntl.LOCK_EX)

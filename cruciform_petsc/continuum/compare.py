@@ -118,5 +118,5 @@ def _is_near(points: np.ndarray, centres: np.ndarray, radius: float) -> np.ndarr
 
 
 def _ratio(a: float, b: float) -> float:
-    """The quotient a / b, nan where there is nothing to compare with."""
+    """Divide a by b, nan where there is nothing to compare with."""
     return float(a / b) if b else float("nan")

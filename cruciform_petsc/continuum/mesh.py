@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import basix.ufl
 import dolfinx.mesh
 import numpy as np
@@ -85,8 +87,7 @@ def grade_mesh(
         topology.create_connectivity(1, 2)
         index_map = topology.index_map(1)
         edges = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-        ends = dolfinx.mesh.entities_to_geometry(mesh, 1, edges).reshape(-1, 2)
-        middle = mesh.geometry.x[ends].mean(axis=1)[:, :2]
+        middle = edge_ends(mesh, edges).mean(axis=1)
         near = np.zeros(len(edges), bool)
         for point in points:
             near |= np.linalg.norm(middle - point, axis=1) < radius / 2**level
@@ -94,10 +95,25 @@ def grade_mesh(
     return mesh
 
 
+def edge_ends(mesh: dolfinx.mesh.Mesh, edges: np.ndarray) -> np.ndarray:
+    """Coordinates of the ends of edges of the mesh, (n, 2, 2): edge, end, x or y."""
+    if len(edges) == 0:  # dolfinx 0.9 divides by their number
+        return np.empty((0, 2, 2))
+    ends = dolfinx.mesh.entities_to_geometry(mesh, 1, edges)
+    return mesh.geometry.x[ends.reshape(-1, 2)][..., :2]
+
+
 def _refine(mesh: dolfinx.mesh.Mesh, edges: np.ndarray | None, is_last: bool) -> dolfinx.mesh.Mesh:
     """Split edges (None: all); the last of several refinements deals the mesh out afresh."""
-    partitioner = dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none)
-    return dolfinx.mesh.refine(mesh, edges, partitioner if is_last else None)[0]
+    return dolfinx.mesh.refine(mesh, edges, _partitioner() if is_last else None)[0]
+
+
+def _partitioner() -> Any:
+    """Partition without ghost cells; dolfinx 0.11 wants a second argument, 0.9 takes none."""
+    try:
+        return dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none)
+    except TypeError:
+        return dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none, 2)
 
 
 def _rectangle(
@@ -137,7 +153,7 @@ def _unstructured(comm: MPI.Intracomm, outline: shapely.Polygon, size: float) ->
         cells=triangles,
         x=points,
         e=ufl.Mesh(element),
-        partitioner=dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none),
+        partitioner=_partitioner(),
     )
 
 

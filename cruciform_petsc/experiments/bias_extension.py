@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..network import Network
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..solvers.separate import solve_separately
+from ..supports import find_supports
 from ..units import to_si
 
 if TYPE_CHECKING:
@@ -89,15 +90,39 @@ class BiasExtension:
         low, high = self.network.preform.outline.bounds[1::2]
         return 0.01 * (high - low)
 
+    def check(self) -> list[str]:
+        """Apply the clamps without solving; what there is to say about them. Collective.
+
+        Raises InputError on every rank if yarns miss an edge or a part is held by no clamp.
+        """
+        constraints, upper = self._grip(self._reference_extension())
+        lower = constraints.nodes_on("lower")
+        network = self.network
+        owned = network.num_nodes_owned
+        counts = network.comm.allreduce(
+            np.array([(nodes < owned).sum() for nodes in (lower, upper)])
+        )
+        supports = find_supports(constraints)
+        hanging = network.comm.allreduce(supports.num_hanging)
+        told = [f"{counts[0]} yarn ends in the lower clamp, {counts[1]} on the upper edge"]
+        if hanging:
+            told.append(f"{hanging} crossovers hang on by one arm end and will carry no load")
+        return told
+
+    def _grip(self, extension: float) -> tuple[Constraints, np.ndarray]:
+        """The network with both edges constrained, and the local nodes of the upper one."""
+        constraints = Constraints(self.network, self.bending)
+        constraints.clamp("lower")
+        if self.upper == "grip":
+            upper = constraints.clamp("upper", (0.0, extension))
+        else:
+            upper = constraints.guide("upper", PULL, extension)
+        return constraints, upper
+
     def _solve_coupled(self) -> BiasExtensionResult:
         network = self.network
-        constraints = Constraints(network, self.bending)
-        constraints.clamp("lower")
         reference = self._reference_extension()
-        if self.upper == "grip":
-            upper = constraints.clamp("upper", (0.0, reference))
-        else:
-            upper = constraints.guide("upper", PULL, reference)
+        constraints, upper = self._grip(reference)
         linear = LinearNetwork(constraints)
         matrix = linear.matrix()
         prescribed = np.where(constraints.fixed, constraints.value, 0.0)
@@ -301,3 +326,15 @@ class BiasExtensionResult:
             energy,
             membrane,
         )
+
+    def plot(self, path: str) -> None:
+        """Draw the yarns before and after, coloured by shear angle, as a PNG. Collective."""
+        from ..output.figures import draw_yarns
+
+        draw_yarns(path, self)
+
+    def write(self, path: str) -> None:
+        """Write a file that ParaView opens: deformed yarns with their fields. Collective."""
+        from ..output.paraview import write_network
+
+        write_network(path, self.network, self.node_displacement, self.fields)

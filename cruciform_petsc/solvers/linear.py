@@ -17,6 +17,10 @@ PREFIX = "cruciform_"
 # fill in little), and its memory stays below some 2 GiB.
 DIRECT_LIMIT = 400_000
 
+# Least energy of a motion relative to that of the matrix diagonal, for a matrix to count as regular.
+# Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
+SOFTEST = 1e-14
+
 DIRECT = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
@@ -116,6 +120,7 @@ class LinearSolver:
         self.ksp.setOptionsPrefix(prefix)
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
+        self._checked = False
         with petsc_options(prefix, options):
             self.ksp.setFromOptions()
             try:
@@ -153,6 +158,8 @@ class LinearSolver:
             int(self.matrix.getSize()[0]),
             history,
         )
+        if reason >= 0 and not singular and info.ksp == PETSc.KSP.Type.PREONLY:
+            self._refuse_mechanism()
         # A direct solver knows no residual: look at the true one.
         if reason < 0 or not np.isfinite(relative) or (relative > 1e-3 and not singular):
             what = f"{info.ksp} with {info.pc} did not converge ({info.reason}"
@@ -163,6 +170,36 @@ class LinearSolver:
                 history,
             )
         return x, info
+
+    def _refuse_mechanism(self) -> None:
+        """Raise SolverError if some motion costs no energy. Collective.
+
+        A factorisation with rounded pivots goes through a singular matrix and adds any amount of
+        such a motion to the solution. Two inverse iterations find it.
+        """
+        if self._checked:
+            return
+        diagonal = self.matrix.getDiagonal()
+        x, y = diagonal.duplicate(), diagonal.duplicate()
+        begin, end = x.getOwnershipRange()
+        x.setArray(np.cos(np.arange(begin, end) ** 2))  # some of every motion
+        for _ in range(2):
+            y.pointwiseMult(diagonal, x)
+            self.ksp.solve(y, x)
+            y.pointwiseMult(diagonal, x)
+            x.scale(1.0 / np.sqrt(x.dot(y)))
+        self.matrix.mult(x, y)
+        stiffness = x.dot(y)
+        for vector in (x, y, diagonal):
+            vector.destroy()
+        if not stiffness > SOFTEST:
+            raise SolverError(
+                "a part of the preform can move without deforming "
+                f"(stiffness {stiffness:.0e} of the diagonal's): without yarn bending a net does "
+                "where it is one or two crossovers wide; switch bending on, refine, or clamp more",
+                "MECHANISM",
+            )
+        self._checked = True
 
     def destroy(self) -> None:
         """Free the KSP (not the matrix)."""

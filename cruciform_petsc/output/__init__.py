@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What a run leaves behind: ParaView files, tables, pictures. See the modules."""

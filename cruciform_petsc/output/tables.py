@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""Small files that rank 0 writes: curves as CSV, summaries as JSON."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..case import on_root
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def write_csv(
+    comm: MPI.Intracomm, path: str | Path, columns: Mapping[str, Sequence | np.ndarray]
+) -> None:
+    """Write columns of equal length under their names. Collective; rank 0 writes.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    columns : dict of sequences
+        Names carry the units: ``extension_mm``, ``load_N``. Needed on rank 0 only. Numbers are
+        written so that they read back exactly, those that are not finite as an empty field.
+
+    Raises
+    ------
+    InputError
+        On every rank: the place cannot be written to.
+    """
+
+    def write() -> None:
+        rows = zip(*(_plain(list(column)) for column in columns.values()), strict=True)
+        with written_whole(path) as temporary, temporary.open("w", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(columns)
+            table.writerows(rows)
+
+    on_root(comm, write)
+
+
+def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -> None:
+    """Write nested dicts and sequences of plain or numpy values. Collective; rank 0 writes.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    data : dict
+        Needed on rank 0 only. JSON knows no NaN and no infinity: they become null.
+
+    Raises
+    ------
+    InputError
+        On every rank: the place cannot be written to.
+    """
+
+    def write() -> None:
+        text = json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False)
+        with written_whole(path) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+
+    on_root(comm, write)
+
+
+@contextmanager
+def written_whole(path: str | Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path``; it becomes ``path`` when the block ends well.
+
+    Not collective. What was there before stays until then, or for good if the block fails.
+
+    Raises
+    ------
+    InputError
+        The place cannot be written to, or the block raised an OSError.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(0, "a folder has that name")
+        temporary.touch()
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f'"{path}" cannot be written: {error.strerror or error}') from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _plain(value: Any) -> Any:
+    """The same with Python's own numbers, lists and dicts; None for what is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
