@@ -166,15 +166,12 @@ class TestTable(_Table):
     load: Annotated[str | list[str], _quantities("N")] | None = None
     model: Literal["coupled", "separate"] = "coupled"
     bending: bool = True
-    form: Literal["consistent", "printed"] = "consistent"
 
     @model_validator(mode="after")
     def _one_control(self) -> TestTable:
         if (self.extension is None) == (self.load is None):
             got = "neither" if self.load is None else "both"
             raise ValueError(f"needs exactly one of extension and load, got {got}")
-        if self.form == "printed" and self.model == "coupled":
-            raise ValueError('has form = "printed", which needs model = "separate"')
         return self
 
     @property

@@ -36,7 +36,6 @@ kind = "bias-extension"
 upper = "centre-line"
 load = ["1 N", "2 N"]
 model = "separate"
-form = "printed"
 bending = false
 [continuum]
 compare = true
@@ -73,7 +72,7 @@ def test_defaults(write):
     assert (preform.refine, preform.yarns_per_cruciform, preform.origin) == (1, 1, None)
     test = case.test
     assert (test.kind, test.upper, test.model) == ("bias-extension", "grip", "coupled")
-    assert (test.form, test.bending, test.is_curve) == ("consistent", True, False)
+    assert (test.bending, test.is_curve) == (True, False)
     assert (test.extension_si, test.load_si) == ([1e-3], None)
     assert (case.continuum.compare, case.continuum.mesh_size_si) == (False, None)
     assert case.solver.options == {}
@@ -96,7 +95,7 @@ def test_everything_given(write):
     assert preform.lattice_origin == pytest.approx([1e-3, 2e-3])
     assert (preform.refine, case.preform(refine=8).refine) == (4, 8)
     assert (case.test.load_si, case.test.extension_si, case.test.is_curve) == ([1, 2], None, True)
-    assert (case.test.form, case.test.upper) == ("printed", "centre-line")
+    assert case.test.upper == "centre-line"
     assert case.continuum.mesh_size_si == pytest.approx(0.5e-3)
     assert case.continuum.ladder == [1, 2, 4]
     assert case.solver.options == {
@@ -193,7 +192,6 @@ def test_bad_override(write, override):
         (["test.extension=[]"], "test.extension is an empty list, give at least one value"),
         (["test.load=1 N"], "test needs exactly one of extension and load, got both"),
         (["test={}"], "test needs exactly one of extension and load, got neither"),
-        (["test.form=printed"], 'test has form = "printed", which needs model = "separate"'),
         (
             ["fabric={}"],
             "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",

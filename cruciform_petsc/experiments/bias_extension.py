@@ -76,6 +76,12 @@ class BiasExtension:
         self.values = np.array(values, float)
         if not self.values.size or not self.values.any():
             raise InputError(f"{key} has no value other than zero, so nothing would happen")
+        for family in ("warp", "weft"):
+            if bending and getattr(network.fabric, family).yarn_bending == 0.0:
+                raise InputError(
+                    f"bending is on but the fabric's {family} yarns have no bending rigidity: give "
+                    "them one or set bending = false"
+                )
         self.network, self.upper, self.model, self.bending = network, upper, model, bending
         self.options = options or {}
 
