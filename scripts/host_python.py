@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Does the caller's python3 have FEniCSx?  Asked by scripts/fenicsx, with python3 itself.
 
 Exit code 3: it has not; the reason is printed.  Exit code 4: it has but cannot be used, the user has
@@ -57,7 +58,7 @@ def numbers(version):
 
 def check_fenicsx():
     """Answer no unless FEniCSx is there and good."""
-    if sys.version_info < (3, 11):
+    if sys.version_info < (3, 11):  # noqa: UP036
         no("python3 is older than 3.11")
     for name in CORE:
         if not present(name):

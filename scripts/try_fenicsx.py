@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: MIT
 """Try out what cruciform_petsc needs of its surroundings, on any number of ranks.
 
 scripts/fenicsx runs this in every Debian root it makes.  By hand, for any surroundings:
@@ -17,8 +18,8 @@ from petsc4py import PETSc
 
 comm = MPI.COMM_WORLD
 
-for name in """gmsh hypothesis matplotlib.pyplot numba pint pydantic pytest pyvista rich scipy
-               shapely vtk""".split():
+MODULES = ("gmsh", "hypothesis", "matplotlib.pyplot", "numba", "pint", "pydantic", "pytest")
+for name in (*MODULES, "pyvista", "rich", "scipy", "shapely", "vtk"):
     importlib.import_module(name)
 for name in ("mumps", "hypre", "ptscotch"):
     if not PETSc.Sys.hasExternalPackage(name):

@@ -257,7 +257,7 @@ def test_default_size_does_not_matter():
 
 
 def test_singular_points():
-    """Ends of clamps and re-entrant corners, not the corners of a hole that approximates a circle."""
+    """Ends of clamps and re-entrant corners, not the corners of a hole like a circle."""
 
     def found(preform: Preform) -> set[tuple[float, float]]:
         return {

@@ -257,7 +257,7 @@ class Membrane:
         return local[local >= 0], position
 
     def _rigid_modes(self) -> np.ndarray:
-        """Return the rigid motions at this rank's nodes, (nodes, 2, 3), the turn about the middle."""
+        """Return the rigid motions at this rank's nodes, (nodes, 2, 3), turn about the middle."""
         x = self.space.tabulate_dof_coordinates()[:, :2]
         low, high = np.reshape(self.preform.outline.bounds, (2, 2))
         x = (x - 0.5 * (low + high)) / (high - low).max()
