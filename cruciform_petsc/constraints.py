@@ -142,9 +142,8 @@ class Constraints:
 
         The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
         the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
-        Within a family, a piece of edge between two ends is shared as a straight line would have
-        it, so that force and moment of the load are kept (the moment not where a segment has a
-        single yarn end).
+        Within a family each end takes the edge up to halfway to its neighbours, as its quadrants
+        do; what that changes of the load's moment is leaned back in (which takes two ends).
         """
         network = self.network
         nodes = self.nodes_on(edge)
@@ -196,35 +195,22 @@ def _distance_to_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarra
 
 
 def _lumped_lengths(where: np.ndarray, length: float) -> np.ndarray:
-    """Integrals over [0, length] of the piecewise linear functions through the points ``where``.
-
-    Beyond the outer points they go on straight: constants and straight lines are integrated
-    exactly. Points that coincide share.
+    """Share of a line [0, length] that each of the points ``where`` stands for: up to halfway to
+    its neighbours, the outer ones up to the ends of the line. Points that coincide share.
     """
     if len(where) == 0:
         return np.zeros(0)
     point, inverse, count = np.unique(
         np.round(where / length, 9), return_inverse=True, return_counts=True
     )
-    point = point * length
-    if len(point) == 1:
-        lumped = np.array([length])
-    else:
-        gap = np.diff(point)
-        lumped = np.zeros(len(point))
-        lumped[:-1] += 0.5 * gap
-        lumped[1:] += 0.5 * gap
-        for outer, inner, overhang in ((0, 1, point[0]), (-1, -2, length - point[-1])):
-            lean = 0.5 * overhang**2 / abs(point[outer] - point[inner])
-            lumped[outer] += overhang + lean
-            lumped[inner] -= lean
-    return (lumped / count)[inverse]
+    border = np.concatenate([[0.0], 0.5 * (point[1:] + point[:-1]), [1.0]])
+    return (length * np.diff(border) / count)[inverse]
 
 
 def _keep_moment(lengths: list[np.ndarray], where: list[np.ndarray], length: float) -> None:
-    """Lean the lumped lengths of one family, in place, until all have their moment together.
+    """Lean the lengths of the family with the widest spread until all keep the load's moment.
 
-    A family with a single end cannot keep its own; the one with the widest spread makes up for it.
+    In place; an edge with a single yarn end stays as it is.
     """
     excess = sum(lump @ x for lump, x in zip(lengths, where, strict=True)) - 0.5 * length**2
     lever = [x - x.mean() if len(x) else x for x in where]

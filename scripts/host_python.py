@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Does the caller's python3 have FEniCSx?  Asked by scripts/fenicsx, with python3 itself.
+"""Does the caller's python3 have FEniCSx?  scripts/fenicsx asks this, with python3 itself.
 
-Exit code 3: it has not; the reason is printed.  Exit code 4: it has but cannot be used, the user has
-been told why.  Exit code 0: it has, and if modules are missing
-that pip can install, the bin folder of a venv with them is printed, to be put first on PATH.  That
-venv stands on top of python3 and is made here, once, in the folder given as argument.
+The exit code says it: 3, it has not, and the reason is printed; 4, it has but more is missing, and
+the user has been told; 0, it has.  With 0, if modules were missing that pip can install, the bin
+folder of a venv with them is printed, to be put first on PATH.  That venv stands on top of python3
+and is made here, once, in the folder given as argument.
 """
 
 import fcntl

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from cruciform_petsc.assembly import LinearNetwork
 from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.errors import InputError
 from cruciform_petsc.fabric import Fabric, YarnFamily
 from cruciform_petsc.network import Network
 from cruciform_petsc.preform import Preform
@@ -54,13 +55,18 @@ def random_polygon(rng, size: float, corners: int | None = None) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
-def random_preform(rng, fabric: Fabric, cells: float, hole: bool = False) -> Preform:
+def random_preform(rng, fabric: Fabric, cells: float, hole: bool = False, **options) -> Preform:
     """A random polygon some cells large at a random angle, the lattice anywhere."""
     size = cells / fabric.warp.yarns
-    points = random_polygon(rng, size)
-    holes = [random_polygon(rng, 0.3 * size).tolist()] if hole else []
-    origin = tuple(rng.uniform(-0.5, 0.5, 2) * size)
-    return Preform.polygon(points.tolist(), holes, rng.uniform(0, np.pi), origin=origin)
+    while True:
+        points = random_polygon(rng, size)
+        holes = [random_polygon(rng, 0.3 * size).tolist()] if hole else []
+        origin = tuple(rng.uniform(-0.5, 0.5, 2) * size)
+        angle = rng.uniform(0, np.pi)
+        try:
+            return Preform.polygon(points.tolist(), holes, angle, origin=origin, **options)
+        except InputError:  # the hole leaves the outline
+            continue
 
 
 def energy_density(fabric: Fabric, gradient: np.ndarray) -> float:

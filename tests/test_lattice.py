@@ -37,7 +37,9 @@ def on_grid(rng, hole=False):
     """The same with corners on quarter pitches: lines through corners and along edges abound."""
     while True:
         outline = star(rng, 6.0, hole)
-        rings = [np.round(4 * np.asarray(r.coords)) / 4 for r in (outline.exterior, *outline.interiors)]
+        rings = [
+            np.round(4 * np.asarray(r.coords)) / 4 for r in (outline.exterior, *outline.interiors)
+        ]
         outline = shapely.Polygon(rings[0], rings[1:])
         if outline.is_valid and outline.area > 1:
             return outline
@@ -280,7 +282,13 @@ def test_quadrants_fill_outlines_that_fit():
     triangle = shapely.Polygon([(0, 0), (6, 0), (0, 6)])
     diamond = shapely.Polygon([(5, 0), (0, 5), (-5, 0), (0, -5)])
     framed = shapely.box(-6, -6, 6, 6).difference(shapely.box(-2, -2, 2, 2))
-    for outline in (shapely.box(0, 0, 4, 3), shapely.box(-0.3, -0.4, 4.2, 3.1), triangle, diamond, framed):
+    for outline in (
+        shapely.box(0, 0, 4, 3),
+        shapely.box(-0.3, -0.4, 4.2, 3.1),
+        triangle,
+        diamond,
+        framed,
+    ):
         present = present_in(outline)
         ij = around(outline)
         area = quadrant_areas(ij[present(ij)], present, outline)
@@ -299,7 +307,7 @@ def test_lost_area_is_of_sharp_corners():
         assert area.max() <= 1.0  # its own quarter, two neighbours' and the corner's
         shares.append(1 - area.sum() / outline.area)
     assert min(shares) > -1e-12
-    assert max(shares) < 0.01
+    assert max(shares) < 0.02
     assert np.median(shares) < 1e-4
 
 
