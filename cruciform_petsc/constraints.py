@@ -138,7 +138,7 @@ class Constraints:
             self.fixed[here, component] = True
 
     def line_load(self, edge: str, traction) -> None:
-        """Put a force per length (x, y), N/m, on a straight or broken edge. Collective.
+        """Put a force per length (x, y), N/m, on an edge, straight or not. Collective.
 
         The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
         the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
@@ -146,75 +146,116 @@ class Constraints:
         do; what that changes of the load's moment is leaned back in (which takes two ends).
         """
         network = self.network
+        traction = np.asarray(traction, float)
         nodes = self.nodes_on(edge)
         owned = nodes[nodes < network.num_nodes_owned]
-        traction = network.preform.rotation @ np.asarray(traction, float)
-        family = network.node_family[owned]
-        hinge = network.node_is_hinge[owned]
-        for segment in network.preform.edge(edge):
-            length = np.hypot(*(segment[1] - segment[0]))
-            tangent = (segment[1] - segment[0]) / length
-            normal = network.preform.rotation @ np.array([tangent[1], -tangent[0]])
-            where = (network.node_position[owned] - segment[0]) @ tangent
-            near = (
-                _distance_to_segments(network.node_position[owned], segment[None])
-                <= self._tolerance
-            )
-            counts = []
+        for chain in _chains(network.preform.edge(edge)):
+            distance, along = _nearest(network.node_position[owned], chain)
+            near = distance <= self._tolerance
+            ends, places, levers = [], [], []
             for f in (0, 1):
                 # A hinge on the edge is an end of both families.
-                mine = np.flatnonzero(near & ((family == f) | hinge) & (abs(normal[f]) > 1e-9))
-                counts.append((mine, network.comm.allgather(where[mine])))
-            share = normal**2
-            empty = [sum(len(part) for part in parts) == 0 for _, parts in counts]
-            if all(empty):
+                mine = owned[
+                    near & ((network.node_family[owned] == f) | network.node_is_hinge[owned])
+                ]
+                ends.append(mine)
+                places.append(network.comm.allgather(along[np.isin(owned, mine)]))
+                lever = _lever(network.node_position[mine], traction)
+                levers.append(np.concatenate(network.comm.allgather(lever)))
+            piece = chain[:, 1] - chain[:, 0]
+            length = np.hypot(piece[:, 0], piece[:, 1])
+            normal = np.stack([piece[:, 1], -piece[:, 0]], axis=1) / length[:, None]
+            share = (normal @ network.preform.rotation.T) ** 2
+            found = np.array([sum(map(len, parts)) > 0 for parts in places])
+            if not found.any():
                 raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
-            share = np.where(empty, 0.0, share)
-            share = share / share.sum()
-            where_all = [np.concatenate(parts) for _, parts in counts]
-            lengths = [
-                weight * _lumped_lengths(x, length)
-                for x, weight in zip(where_all, share, strict=True)
+            share = np.where(found.all(), share, found)
+            knots = np.concatenate([[0.0], np.cumsum(length)])
+            lumped = [
+                _lumped_lengths(np.concatenate(places[f]), knots, share[:, f]) for f in (0, 1)
             ]
-            _keep_moment(lengths, where_all, length)
-            for (mine, parts), lumped in zip(counts, lengths, strict=True):
-                before = sum(len(part) for part in parts[: network.comm.rank])
-                self.force[owned[mine]] += lumped[before : before + len(mine), None] * traction
+            _keep_moment(lumped, levers, float(length @ _lever(chain.mean(axis=1), traction)))
+            for f in (0, 1):
+                before = sum(map(len, places[f][: network.comm.rank]))
+                mine_lumped = lumped[f][before : before + len(ends[f])]
+                self.force[ends[f]] += mine_lumped[:, None] * (network.preform.rotation @ traction)
         network.exchange.forward(self.force)
+
+
+def _chains(segments: np.ndarray) -> list[np.ndarray]:
+    """Segments (n, 2, 2) of an edge, parted where one does not begin at the end of the one before."""
+    breaks = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
+    return np.split(segments, breaks)
+
+
+def _lever(points: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Moments about the origin of one force acting at each of some points (n, 2); (n,)."""
+    return points[:, 0] * force[1] - points[:, 1] * force[0]
 
 
 def _distance_to_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
     """Distance of each point (n, 2) to the nearest of some segments (m, 2, 2); (n,)."""
-    nearest = np.full(len(points), np.inf)
+    return _nearest(points, segments)[0]
+
+
+def _nearest(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of each point to the nearest segment, and the length of all segments up to there."""
+    nearest, along = np.full(len(points), np.inf), np.zeros(len(points))
+    before = 0.0
     for begin, end in segments:  # an edge has few segments, nodes are many
-        along = end - begin
-        share = np.clip((points - begin) @ along / (along @ along), 0.0, 1.0)
-        gap = points - begin - share[:, None] * along
-        nearest = np.minimum(nearest, np.hypot(gap[:, 0], gap[:, 1]))
-    return nearest
+        piece = end - begin
+        length = np.hypot(piece[0], piece[1])
+        share = np.clip((points - begin) @ piece / length**2, 0.0, 1.0)
+        gap = points - begin - share[:, None] * piece
+        distance = np.hypot(gap[:, 0], gap[:, 1])
+        closer = distance < nearest
+        nearest[closer], along[closer] = distance[closer], (before + share * length)[closer]
+        before += length
+    return nearest, along
 
 
-def _lumped_lengths(where: np.ndarray, length: float) -> np.ndarray:
-    """Share of a line [0, length] that each of the points ``where`` stands for: up to halfway to
-    its neighbours, the outer ones up to the ends of the line. Points that coincide share.
+def _lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Part of a line that each of the points on it stands for, times a weight along the line.
+
+    Points stand for the line up to halfway to their neighbours, the outer ones up to its ends;
+    points that coincide share.
+
+    Parameters
+    ----------
+    where : float (n,)
+        Places of the points along the line.
+    knots : float (k + 1,)
+        Where the weight changes; first and last are the ends of the line.
+    share : float (k,)
+        Weights between the knots.
     """
     if len(where) == 0:
         return np.zeros(0)
+    length = knots[-1]
     point, inverse, count = np.unique(
         np.round(where / length, 9), return_inverse=True, return_counts=True
     )
-    border = np.concatenate([[0.0], 0.5 * (point[1:] + point[:-1]), [1.0]])
-    return (length * np.diff(border) / count)[inverse]
+    border = length * np.concatenate([[0.0], 0.5 * (point[1:] + point[:-1]), [1.0]])
+    weight = np.interp(border, knots, np.concatenate([[0.0], np.cumsum(share * np.diff(knots))]))
+    return (np.diff(weight) / count)[inverse]
 
 
-def _keep_moment(lengths: list[np.ndarray], where: list[np.ndarray], length: float) -> None:
-    """Lean the lengths of the family with the widest spread until all keep the load's moment.
+def _keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: float) -> None:
+    """Lean the lengths of the family with the widest spread until all have a moment together.
 
-    In place; an edge with a single yarn end stays as it is.
+    In place; an edge with a single yarn end, or a load along it, stays as it is.
+
+    Parameters
+    ----------
+    lengths, levers : two float arrays each
+        Of each family: lengths that the yarn ends stand for, moments of the traction there.
+    moment : float
+        What the sum over all ends of length times lever is to be.
     """
-    excess = sum(lump @ x for lump, x in zip(lengths, where, strict=True)) - 0.5 * length**2
-    lever = [x - x.mean() if len(x) else x for x in where]
-    widest = max(range(len(lever)), key=lambda f: lever[f] @ lever[f])
-    spread = lever[widest] @ lever[widest]
-    if spread > (1e-9 * length) ** 2:
-        lengths[widest] -= excess / spread * lever[widest]
+    excess = sum(part @ lever for part, lever in zip(lengths, levers, strict=True)) - moment
+    size = max((abs(lever).max(initial=0.0) for lever in levers))
+    lean = [lever - lever.mean() if len(lever) else lever for lever in levers]
+    widest = max((0, 1), key=lambda f: lean[f] @ lean[f])
+    spread = lean[widest] @ lean[widest]
+    if spread > (1e-9 * size) ** 2:
+        lengths[widest] -= excess / spread * lean[widest]

@@ -84,18 +84,27 @@ def energy_density(fabric: Fabric, gradient: np.ndarray) -> float:
 
 
 def pins(constraints: Constraints) -> None:
-    """Take away the three rigid motions with two arm ends that join crossovers, far apart."""
+    """Take away all motions without deformation, by components of arm ends that join crossovers.
+
+    Three for the rigid motions, at two ends far apart; without bending a fourth beside the first,
+    for the turning squares (LinearNetwork.soft_motions).
+    """
     network = constraints.network
     assert network.comm.size == 1
     users = np.bincount(network.arm_node[network.arm_is_shared], minlength=network.num_nodes_local)
     joints = np.flatnonzero(users == 2)
-    first = joints[0]
+    key = network.node_key
+    # The first that has a neighbour on its yarn, one pitch (four quarters) on.
+    first = joints[np.isin(key[joints] + 4, key[joints]).argmax()]
     away = (network.node_position[joints] - network.node_position[first]) @ (
         network.preform.rotation.T
     )
     far = np.argmax(np.hypot(away[:, 0], away[:, 1]))
     constraints.pin(network.node_key[first], (0, 1))
     constraints.pin(network.node_key[joints[far]], (int(abs(away[far, 0]) > abs(away[far, 1])),))
+    if not constraints.bending:
+        across = 1 - int(network.node_family[first])
+        constraints.pin(key[first] + 4, (across,))
 
 
 def floating(network: Network, bending: bool) -> LinearNetwork:

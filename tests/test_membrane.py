@@ -225,7 +225,7 @@ def test_centre_line_is_half_of_a_specimen():
 def test_grading_pays_and_the_load_falls_with_the_mesh_size():
     """A finer mesh is softer; the singular corners make uniform meshes converge slowly."""
     preform = Preform.rectangle(WIDTH, LENGTH)
-    exact = 0.429940  # N: degree 4, graded ten times (notes in default_size)
+    exact = 0.429940  # N: degree 4, graded ten times (twice as fine: the same)
 
     def error(n: int, grading: int) -> float:
         membrane = Membrane(COMM, preform, TABLE_1, WIDTH / n, degree=2, grading=grading)
@@ -459,7 +459,7 @@ def test_comparison():
     assert more.relative_l2_displacement == pytest.approx(0.1)
     assert more.mean_abs_shear_deg == pytest.approx(np.degrees(0.02))
     kept = np.linalg.norm(points[:, None] - result.membrane.singular_points, axis=2).min(axis=1)
-    kept = (kept >= 2e-3) & np.isfinite(gamma)
+    kept = (kept >= 0.1 * WIDTH) & np.isfinite(gamma)
     assert more.points_shear == kept.sum()
     expected = 0.02 * kept.sum() ** 0.5 / np.linalg.norm(field["shear_angle"][kept])
     assert more.relative_l2_shear == pytest.approx(expected)

@@ -7,7 +7,6 @@ Values are in SI units except for angles, which are in degrees, as their names s
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,10 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..case import on_root
-from ..errors import InputError
 from ..network import Network
 from .sample import node_means
-from .tables import written_whole
+from .tables import finish_file, start_file
 
 if TYPE_CHECKING:
     import h5py
@@ -175,16 +173,20 @@ def write_by_rank(
             if len(array):
                 file[f"{group}/{name}"][begin[name] : begin[name] + len(array)] = array
 
-    with _written_together(comm, path) as temporary:
-        if comm.size > 1 and h5py.get_config().mpi:
-            with h5py.File(temporary, "w", driver="mpio", comm=comm) as file:
-                create(file)
-                fill(file)
-        else:
-            for rank in range(comm.size):
-                if rank == comm.rank:
-                    with h5py.File(temporary, "a") as file:
-                        if rank == 0:
-                            create(file)
-                        fill(file)
-                comm.barrier()
+    together = comm.size > 1 and h5py.get_config().mpi
+    options = {"driver": "mpio", "comm": comm} if together else {}
+    temporary = on_root(comm, lambda: start_file(path))
+    problem = None
+    for turn in range(1 if together else comm.size):
+        try:
+            if together or turn == comm.rank:
+                with h5py.File(temporary, "r+" if turn else "w", **options) as file:
+                    if turn == 0:
+                        create(file)
+                    fill(file)
+        except (OSError, RuntimeError) as error:
+            problem = str(error)
+        problems = [told for told in comm.allgather(problem) if told]
+        if problems:
+            break
+    on_root(comm, lambda: finish_file(path, temporary, *problems[:1]))

@@ -85,19 +85,49 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     InputError
         The place cannot be written to, or the block raised an OSError.
     """
+    temporary = start_file(path)
+    try:
+        yield temporary
+    except OSError as error:
+        finish_file(path, temporary, _reason(error))
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    finish_file(path, temporary)
+
+
+def start_file(path: str | Path) -> Path:
+    """Make an empty file beside ``path`` and return its name; InputError if that cannot be."""
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         if path.is_dir():
-            raise IsADirectoryError(0, "a folder has that name")
+            raise OSError("a folder has that name")
         temporary.touch()
-        yield temporary
-        temporary.replace(path)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        raise _cannot_write(path, _reason(error)) from None
+    return temporary
+
+
+def finish_file(path: str | Path, temporary: Path, problem: str | None = None) -> None:
+    """Rename the temporary file; or, if there was a problem, remove it and raise InputError."""
+    try:
+        if problem is None:
+            temporary.replace(path)
+            return
     except OSError as error:
-        raise InputError(f'"{path}" cannot be written: {error.strerror or error}') from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        problem = _reason(error)
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
+    raise _cannot_write(path, problem)
+
+
+def _cannot_write(path: str | Path, problem: str) -> InputError:
+    return InputError(f'"{path}" cannot be written: {problem}')
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _plain(value: Any) -> Any:

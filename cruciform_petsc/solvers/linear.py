@@ -196,7 +196,8 @@ class LinearSolver:
             raise SolverError(
                 "a part of the preform can move without deforming "
                 f"(stiffness {stiffness:.0e} of the diagonal's): without yarn bending a net does "
-                "where it is one or two crossovers wide; switch bending on, refine, or clamp more",
+                "where it is one or two crossovers wide, and as a whole where no clamp keeps its "
+                "crossovers from turning; switch bending on, refine, or clamp more",
                 "MECHANISM",
             )
         self._checked = True

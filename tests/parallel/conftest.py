@@ -2,9 +2,9 @@
 """On several ranks: one report, from rank 0, and no rank waits for ever.
 
 After each step of a test (setup, call, teardown) the ranks tell each other how it went. A test that
-failed on any rank has failed on all, so that all of them take the same way on. If the others do not
-come (they wait for the failed rank in the middle of the test), the failed rank says so and aborts
-them all. A test that takes longer than TIMEOUT is aborted with the stack of each rank.
+failed on any rank, or was skipped on some only, has failed on all, so they go on in the same way.
+If the others do not come (they wait for the failed rank in the middle of the test), the failed rank
+says so and aborts them all. After TIMEOUT all ranks print where they are, and are aborted.
 """
 
 from __future__ import annotations
@@ -76,13 +76,13 @@ def pytest_runtest_makereport(item):
             os.write(item.config.real_stderr, text.encode())
             COMM.Abort(1)
         time.sleep(0.001)
-    texts = COMM.allgather(report.longreprtext if report.failed else None)
-    failed = [rank for rank, text in enumerate(texts) if text is not None]
-    if failed:
-        report.sections.append(("failed on", f"ranks {failed} of {COMM.size}"))
+    outcomes, texts = zip(*COMM.allgather((report.outcome, report.longreprtext)), strict=True)
+    if "failed" in outcomes or len(set(outcomes)) > 1:
+        report.sections.append(("outcome on each rank", ", ".join(outcomes)))
         if not report.failed:
+            first = outcomes.index("failed") if "failed" in outcomes else outcomes.index("skipped")
             report.outcome = "failed"
-            report.longrepr = texts[failed[0]]
+            report.longrepr = f"{outcomes[first]} on rank {first}:\n{texts[first]}"
     return report
 
 

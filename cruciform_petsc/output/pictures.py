@@ -1,0 +1,518 @@
+# SPDX-License-Identifier: MIT
+"""Pictures of tests, as PNG files. Every function here is collective and draws on rank 0.
+
+Lengths come in metres with the samples and in millimetres where a name says so. Matplotlib is
+imported when the first picture is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..case import on_root
+from .sample import MapSample, YarnSample
+from .tables import written_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
+    from matplotlib.figure import Figure
+    from mpi4py import MPI
+
+Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]]
+# Segments of an edge (n, 2, 2) with the cloth on their left (Preform.edge), and its motion (2,).
+Clamp = tuple[np.ndarray, Sequence[float]]
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.labelsize": 9,
+    "legend.fontsize": 8.5,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "lines.linewidth": 1.6,
+    "hatch.linewidth": 0.5,
+    "savefig.dpi": 180,
+    "axes.axisbelow": True,
+}
+# Okabe and Ito: told apart by colour-blind readers, too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+MANY_POINTS = 40  # curves with more points have no markers
+ANGLE_LABEL = "shear angle (°)"
+
+
+# -- the specimen -------------------------------------------------------------------------------
+
+
+def yarns_before_and_after(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    sample: YarnSample | None,
+    title: str = "",
+    *,
+    clamps: Sequence[Clamp] = (),
+    scale: float = 1.0,
+) -> None:
+    """Draw yarns before (thin, grey) and after, coloured by shear angle: the paper's figure 9b.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    sample : YarnSample
+        Needed on rank 0 only.
+    title : str
+    clamps : sequence of (segments (n, 2, 2), motion (2,)), metres
+        Edges to draw as hatched bars, and how far each has moved.
+    scale : float
+        Exaggerates the displacement; said in the picture unless it is 1.
+    """
+    _draw_yarns(comm, path, {title: sample}, clamps, scale)
+
+
+def with_and_without_bending(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    without: YarnSample | None,
+    with_bending: YarnSample | None,
+    *,
+    clamps: Sequence[Clamp] = (),
+    scale: float = 1.0,
+) -> None:
+    """Draw both side by side with one colour scale: the paper's figure 6. See above."""
+    samples = {"no yarn bending": without, "with yarn bending": with_bending}
+    _draw_yarns(comm, path, samples, clamps, scale)
+
+
+def _draw_yarns(comm, path, samples: Mapping[str, YarnSample | None], clamps, scale) -> None:
+    def draw() -> Figure:
+        drawn = {title: sample for title, sample in samples.items() if sample is not None}
+        colours = _angle_colours([sample.shear_angle_deg for sample in drawn.values()])
+        points = [p for s in drawn.values() for p in (s.before, s.after(scale))]
+        low, high = _bounds(points)
+        bar = 0.03 * (high - low)[1]
+        edges = [segments + scale * np.asarray(motion) for segments, motion in clamps]
+        low, high = _bounds([low[None], high[None], *(edge.reshape(-1, 2) for edge in edges)])
+        if clamps:
+            low, high = low - (0, bar), high + (0, bar)
+        panels = _Panels(low, high, len(drawn))
+        for axes, (title, sample) in zip(panels.axes, drawn.items(), strict=True):
+            _add_yarns(axes, sample, scale, colours, panels.points_per_metre)
+            for edge in edges:
+                _add_clamp(axes, edge, bar)
+            axes.set_title(title)
+        panels.colour_bar(-1, colours, ANGLE_LABEL)
+        if scale != 1.0:
+            panels.axes[0].set_xlabel(f"x (mm), displacement drawn {scale:g} times")
+        return panels.figure
+
+    _save(comm, path, draw)
+
+
+def _add_yarns(axes: Axes, sample: YarnSample, scale: float, colours, points_per_metre) -> None:
+    from matplotlib.collections import LineCollection
+
+    lines = np.split(1e3 * sample.before, sample.first[1:])
+    axes.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
+    width = np.clip(0.2 * points_per_metre * sample.spacing, 0.4, 2.6)
+    norm, colour_map, _ = colours
+    segment = sample.segment
+    after = LineCollection(
+        1e3 * sample.after(scale)[segment],
+        array=_mean_of_ends(sample.shear_angle_deg[segment]),
+        norm=norm,
+        cmap=colour_map,
+        linewidths=width,
+        capstyle="round",
+        zorder=2,
+    )
+    axes.add_collection(after)
+
+
+def _mean_of_ends(values: np.ndarray) -> np.ndarray:
+    """Mean of pairs (s, 2), of the one that is a number if the other is not."""
+    good = np.isfinite(values)
+    total = np.where(good, values, 0.0).sum(axis=1)
+    return np.ma.masked_invalid(total / np.where(good.any(axis=1), good.sum(axis=1), np.nan))
+
+
+def _add_clamp(axes: Axes, segments: np.ndarray, thickness: float) -> None:
+    """Hatched bars on the side of an edge where there is no cloth."""
+    from matplotlib.patches import Polygon
+
+    for a, b in 1e3 * segments:
+        along = (b - a) / np.linalg.norm(b - a)
+        out = 1e3 * thickness * np.array([along[1], -along[0]])
+        bar = Polygon([a, b, b + out, a + out], facecolor="0.93", edgecolor="0.35", hatch="/////")
+        bar.set(linewidth=0, zorder=3, clip_on=False)
+        axes.add_patch(bar)
+        axes.plot(*np.array([a, b]).T, color="0.1", linewidth=1.4, zorder=4, clip_on=False)
+
+
+# -- maps ---------------------------------------------------------------------------------------
+
+
+def shear_maps(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    sample: MapSample | None,
+    names: Sequence[str] = ("network", "membrane"),
+    title: str = "",
+) -> None:
+    """Draw maps of the shear angle side by side: the network, the membrane, their difference.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    sample : MapSample
+        With the named values in degrees; needed on rank 0 only.
+    names : one or two names of values
+        Two are drawn with one colour scale, and their difference with its own.
+    title : str
+    """
+
+    def draw() -> Figure:
+        assert sample is not None
+        values = {name: sample.values[name] for name in names}
+        shared = _angle_colours(list(values.values()), share=0.995)
+        low, high = _bounds(sample.outline)
+        panels = _Panels(low, high, 1 if len(values) == 1 else 3, bar_after=len(values) - 1)
+        for axes, (name, value) in zip(panels.axes, values.items(), strict=False):
+            _add_map(axes, sample, value, shared)
+            axes.set_title(name[:1].upper() + name[1:])
+        panels.colour_bar(len(values) - 1, shared, ANGLE_LABEL)
+        if len(values) == 2:
+            first, second = values.values()
+            off = _difference_colours(first - second)
+            _add_map(panels.axes[2], sample, first - second, off)
+            panels.axes[2].set_title(f"{names[0].capitalize()} − {names[1]}")
+            panels.colour_bar(2, off, "difference (°)")
+        if title:
+            panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
+        return panels.figure
+
+    _save(comm, path, draw)
+
+
+def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours) -> None:
+    """Fill each crossover's cell, cut by the outline.
+
+    Bits of the outline in cells without a crossover belong to the nearest ones: cells at the
+    outline are first drawn twice as large, underneath the others.
+    """
+    from matplotlib.collections import PolyCollection
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    rings = [Outline(1e3 * ring, closed=True) for ring in sample.outline]
+    outline = Outline.make_compound_path(*rings)
+    border = PathPatch(outline, facecolor="none", edgecolor="0.2", linewidth=0.8, zorder=3)
+    axes.add_patch(border)
+    norm, colour_map, _ = colours
+    values = np.ma.masked_invalid(values)
+    every = np.ones(len(values), bool)
+    for size, rows, order in ((2.6, sample.at_outline, 1.0), (1.0, every, 2.0)):
+        cells = PolyCollection(1e3 * sample.cells(size)[rows], array=values[rows], norm=norm)
+        cells.set(cmap=colour_map, edgecolor="face", linewidth=0.3, zorder=order)
+        axes.add_collection(cells)
+        cells.set_clip_path(border)
+
+
+# -- curves -------------------------------------------------------------------------------------
+
+
+def shear_against_load(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    load_N: Sequence[float] | np.ndarray,
+    shear_centre_deg: Sequence[float] | np.ndarray,
+    shear_max_deg: Sequence[float] | np.ndarray | None = None,
+    *,
+    others: Curves | None = None,
+    title: str = "",
+) -> None:
+    """Draw the shear angle against the load: the paper's figure 8.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    load_N, shear_centre_deg, shear_max_deg : float (n,)
+        Needed on rank 0 only.
+    others : dict of (load_N, shear_deg)
+        More curves by label, e.g. measured ones.
+    title : str
+    """
+    curves = {"middle of the specimen": (load_N, shear_centre_deg)}
+    if shear_max_deg is not None:
+        curves["largest"] = (load_N, shear_max_deg)
+    curves = {label: _from_origin(*curve) for label, curve in curves.items()}
+    labels = ("load (N)", ANGLE_LABEL)
+    _draw_curves(comm, path, curves | dict(others or {}), labels, title, from_zero=True)
+
+
+def load_against_extension(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    extension_mm: Sequence[float] | np.ndarray,
+    load_N: Sequence[float] | np.ndarray,
+    *,
+    others: Curves | None = None,
+    title: str = "",
+) -> None:
+    """Draw the load against the extension; ``others`` as (extension_mm, load_N). See above."""
+    curves = {"network": _from_origin(extension_mm, load_N)} | dict(others or {})
+    labels = ("extension (mm)", "load (N)")
+    _draw_curves(comm, path, curves, labels, title, from_zero=True)
+
+
+def shear_along_centre_line(
+    comm: MPI.Intracomm, path: str | Path, curves: Curves, *, title: str = ""
+) -> None:
+    """Draw the shear angle from the clamp along the centre line.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    curves : dict of (distance_mm, shear_deg)
+        By label; needed on rank 0 only.
+    title : str
+    """
+    labels = ("distance from the clamp (mm)", ANGLE_LABEL)
+    _draw_curves(comm, path, curves, labels, title, from_zero=True)
+
+
+def convergence(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    crossovers: Sequence[float] | np.ndarray,
+    curves: Mapping[str, Sequence[float] | np.ndarray],
+    *,
+    orders: Sequence[float] = (1,),
+    ylabel: str = "relative difference",
+    title: str = "",
+) -> None:
+    """Draw differences against the number of crossovers, both on logarithmic axes.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    crossovers : (n,)
+    curves : dict of (n,)
+        Positive values by label; needed on rank 0 only.
+    orders : sequence
+        Powers of the pitch to draw a slope guide for. The pitch goes with crossovers^(-1/2).
+    ylabel, title : str
+    """
+
+    def draw() -> Figure:
+        figure, axes = _curve_axes(("crossovers", ylabel), title)
+        count = np.asarray(crossovers, float)
+        axes.set(xscale="log", yscale="log")
+        for i, (label, values) in enumerate(curves.items()):
+            axes.plot(count, values, label=label, **_line(i, len(count)))
+        for order in orders:
+            slope = (count / count[0]) ** (-order / 2)
+            below = 0.6 * min(np.nanmin(np.asarray(v, float) / slope) for v in curves.values())
+            axes.plot(count, below * slope, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)))
+            power = "pitch" if order == 1 else f"pitch$^{{{order:g}}}$"
+            axes.annotate(f"∝ {power}", (count[-1], below * slope[-1]), (4, 0), color="0.35",
+                          textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+        _number_log_axes(axes)
+        _legend(axes, len(curves))
+        return figure
+
+    _save(comm, path, draw)
+
+
+def _draw_curves(comm, path, curves: Curves, labels, title: str, *, from_zero: bool) -> None:
+    def draw() -> Figure:
+        figure, axes = _curve_axes(labels, title)
+        for i, (label, (x, y)) in enumerate(curves.items()):
+            axes.plot(x, y, label=label, **_line(i, len(x)))
+        if from_zero:
+            _include_zero(axes)
+        _legend(axes, len(curves))
+        return figure
+
+    _save(comm, path, draw)
+
+
+def _curve_axes(labels: tuple[str, str], title: str) -> tuple[Figure, Axes]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.4, 3.7), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xlabel=labels[0], ylabel=labels[1], title=title)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="0.9", linewidth=0.6)
+    return figure, axes
+
+
+def _line(i: int, points: int) -> dict[str, Any]:
+    marker = MARKERS[i % len(MARKERS)] if points <= MANY_POINTS else None
+    colour = COLOURS[i % len(COLOURS)]
+    return {"color": colour, "marker": marker, "markersize": 4, "clip_on": False, "zorder": 3}
+
+
+def _legend(axes: Axes, curves: int) -> None:
+    if curves > 1:
+        axes.legend(frameon=False)
+
+
+def _include_zero(axes: Axes) -> None:
+    """Let both axes begin (or end) at zero where all values are on one side of it."""
+    for limits, put in ((axes.get_xlim(), axes.set_xlim), (axes.get_ylim(), axes.set_ylim)):
+        data_low, data_high = limits
+        margin = 0.05 * (data_high - data_low)
+        if data_low >= -1.01 * margin:
+            put(0.0, data_high)
+        elif data_high <= 1.01 * margin:
+            put(data_low, 0.0)
+
+
+def _number_log_axes(axes: Axes) -> None:
+    """Numbers as people write them: 1,000 and 0.02, not 10^3 and 2 x 10^-2."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        steps = (1.0, 2.0, 5.0) if high < 2e3 * low else (1.0,)
+        axis.set_major_locator(LogLocator(subs=steps))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.6g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _from_origin(x, y) -> tuple[np.ndarray, np.ndarray]:
+    """Put the origin, which every test starts from, before a curve that lacks it."""
+    x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    if len(x) and (x > 0).all() or (x < 0).all():
+        at = 0 if x[0] > 0 else len(x)
+        x, y = np.insert(x, at, 0.0), np.insert(y, at, 0.0)
+    return x, y
+
+
+# -- panels, colours, files ---------------------------------------------------------------------
+
+
+class _Panels:
+    """Equal-aspect axes in mm side by side, exactly as large as what is drawn in them.
+
+    Everything is placed in inches, so that tall and wide specimens get tight pictures alike.
+    """
+
+    HEIGHT, WIDEST, GAP, BAR = 5.2, 6.4, 0.25, 0.95
+
+    def __init__(self, low, high, columns: int, bar_after: int | None = None):
+        from matplotlib.figure import Figure
+
+        size = 1.04 * (high - low)
+        middle = 0.5 * (low + high)
+        inches_per_metre = min(self.HEIGHT / size[1], self.WIDEST / columns**0.5 / size[0])
+        self.width, self.height = size * inches_per_metre
+        self.points_per_metre = 72 * inches_per_metre
+        gap = max(self.GAP, 1.15 - self.width)
+        left = np.arange(columns) * (self.width + gap)
+        if bar_after is not None:
+            left[bar_after + 1 :] += self.BAR
+        # savefig cuts the picture to what is drawn; the figure itself is just large enough.
+        self.total = np.array([left[-1] + self.width + self.BAR, self.height]) + 1.0
+        self.figure = Figure(figsize=tuple(self.total))
+        self.left = left + 0.7
+        self.axes: list[Axes] = []
+        for i in range(columns):
+            axes = self._axes(self.left[i], self.width)
+            axes.set_xlim(*1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
+            axes.set_ylim(*1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
+            axes.set_xlabel("x (mm)")
+            axes.locator_params(axis="x", nbins=max(2, min(6, int(self.width / 0.55))), min_n_ticks=2)
+            axes.tick_params(direction="out", length=3)
+            if i == 0:
+                axes.set_ylabel("y (mm)")
+            else:
+                axes.tick_params(labelleft=False)
+            self.axes.append(axes)
+
+    def _axes(self, left: float, width: float) -> Axes:
+        at = np.array([left, 0.5, width, self.height])
+        return self.figure.add_axes(tuple(at / np.tile(self.total, 2)))
+
+    def colour_bar(self, panel: int, colours, label: str) -> None:
+        """Draw the colour scale to the right of a panel."""
+        from matplotlib.cm import ScalarMappable
+
+        norm, colour_map, extend = colours
+        place = self._axes(self.left[panel] + self.width + 0.14, 0.14)
+        self.figure.colorbar(ScalarMappable(norm, colour_map), place, label=label, extend=extend)
+
+
+def _bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    together = np.concatenate(list(points))
+    return together.min(axis=0), together.max(axis=0)
+
+
+def _angle_colours(
+    angles: Sequence[np.ndarray], share: float = 1.0
+) -> tuple[Normalize, Colormap, str]:
+    """Colour scale, colour map and which ends of the scale are passed by some values.
+
+    From zero up if the angles have one sign (bar a little scatter), else centred on zero. With
+    ``share`` < 1 the few largest values do not stretch the scale.
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap, Normalize
+
+    every = np.concatenate([np.ravel(angle) for angle in angles])
+    every = every[np.isfinite(every)] if np.isfinite(every).any() else np.zeros(1)
+    low, high = np.quantile(every, [1.0 - share, share])
+    if min(-low, high) > 0.15 * max(-low, high):
+        return _difference_colours(every, share)
+    # The light end of plasma would be lost on white paper.
+    shades = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.9, 256)))
+    shades.set_bad("0.75")
+    limits = (0.0, high or 1.0) if high >= -low else (low, 0.0)
+    return Normalize(*limits), shades, _extend(every, *limits)
+
+
+def _difference_colours(
+    differences: np.ndarray, share: float = 0.99
+) -> tuple[Normalize, Colormap, str]:
+    """The same for values of both signs: white, or nearly so, at zero."""
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    good = np.abs(differences[np.isfinite(differences)])
+    largest = float(np.quantile(good, share)) if good.size else 0.0
+    shades = colormaps["RdBu_r"].copy()
+    shades.set_bad("0.75")
+    largest = largest or 1.0
+    return Normalize(-largest, largest), shades, _extend(differences, -largest, largest)
+
+
+def _extend(values: np.ndarray, low: float, high: float) -> str:
+    slack = 0.03 * (high - low)
+    below, above = np.nanmin(values) < low - slack, np.nanmax(values) > high + slack
+    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+
+
+def _save(comm: MPI.Intracomm, path: str | Path, draw: Callable[[], Figure]) -> None:
+    """Draw on rank 0 and save as PNG. Collective; InputError on all ranks if it cannot be."""
+
+    def save() -> None:
+        from matplotlib import rc_context
+
+        with rc_context(STYLE), written_whole(path) as temporary:
+            draw().savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
+
+    on_root(comm, save)
