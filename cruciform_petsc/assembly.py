@@ -357,7 +357,7 @@ class LinearNetwork:
         gamma = shear.quadrant_angles(fields["arm_rotation"])
         warp = np.einsum("eq,eq->e", shares, strain[:, [0, 2, 2, 0]])
         weft = np.einsum("eq,eq->e", shares, strain[:, [1, 1, 3, 3]])
-        hinge = self._move_hanging(hinge, local, fields["arm_rotation"])
+        self._follow(hinge, fields["arm_rotation"], local)
         return {
             "displacement": hinge @ network.preform.rotation,
             "arm_strain": strain,
@@ -386,37 +386,48 @@ class LinearNetwork:
         return np.concatenate([u, hinge], axis=1)
 
     def node_displacement(self, local: np.ndarray, fields: dict) -> np.ndarray:
-        """Displacement of all local nodes in x, y (n_local, 2), slaved tails included.
+        """Displacement of all local nodes in x, y (n_local, 2), those without unknowns included.
 
         Collective. ``fields`` as returned by crossover_fields.
         """
-        network = self.network
-        yarn = np.einsum("nji,nj->ni", self.constraints.frame, local[:, :2])
-        hinge = fields["displacement"] @ network.preform.rotation.T
-        boundary = network.boundary_crossovers
-        loose = self.supports.slaved | ~self.supports.carrying[boundary][:, None]
-        for k in range(4):
-            rows = np.flatnonzero(loose[:, k])
-            element = boundary[rows]
-            node = network.arm_node[element, k]
-            t, normal = network.arm_directions[k], network.arm_directions[(k + 1) % 4]
-            turned = network.arm_length[element, k] * fields["arm_rotation"][element, k]
-            across = hinge[element] @ normal + turned
-            along = np.where(
-                self.supports.carrying[element], yarn[node] @ t, hinge[element] @ t
-            )
-            only = ~(network.arm_is_shared[element, k] & self.supports.active[node, :2].any(axis=1))
-            yarn[node[only]] = (across[:, None] * normal + along[:, None] * t)[only]
-        return network.exchange.forward(yarn @ network.preform.rotation)
+        rotation = self.network.preform.rotation
+        hinge = fields["displacement"] @ rotation.T
+        return self._follow(hinge, fields["arm_rotation"].copy(), local) @ rotation
 
-    def _move_hanging(self, hinge, local, rotation) -> np.ndarray:
-        """Let crossovers that carry nothing go along, straight with the yarn they hang on."""
+    def _follow(self, hinge, rotation, local) -> np.ndarray:
+        """Move what has no unknowns of its own straight along with what it hangs on. Collective.
+
+        These are tails that follow their yarn, and crossovers that carry nothing: their rows of
+        ``hinge`` (n_owned, 2) and ``rotation`` (n_owned, 4) are filled in.
+
+        Returns
+        -------
+        float (n_local, 2)
+            Displacement of all nodes in the yarn frame.
+        """
         network, supports = self.network, self.supports
-        rounds = network.comm.allreduce(int(supports.round_.max(initial=0)), MPI.MAX)
-        if rounds == 0:
-            return hinge
         yarn = np.einsum("nji,nj->ni", self.constraints.frame, local[:, :2])
-        known = supports.active[:, :2].any(axis=1)
+        normal = network.arm_directions[(np.arange(4) + 1) % 4]
+
+        def tell(nodes: np.ndarray) -> None:
+            """Give what has been found for some nodes to the other ranks that have them."""
+            found = np.zeros((network.num_nodes_local, 3))
+            found[nodes, :2], found[nodes, 2] = yarn[nodes], 1.0
+            network.exchange.forward(network.exchange.reverse(found))
+            told = found[:, 2] > 0
+            yarn[told] = found[told, :2] / found[told, 2:]
+
+        boundary = network.boundary_crossovers
+        row, arm = np.nonzero(supports.slaved & supports.carrying[boundary][:, None])
+        element = boundary[row]
+        tails = network.arm_node[element, arm]
+        turned = network.arm_length[element, arm] * rotation[element, arm]
+        across = np.einsum("ei,ei->e", hinge[element] - yarn[tails], normal[arm]) + turned
+        yarn[tails] += across[:, None] * normal[arm]
+        tell(tails)
+
+        rounds = network.comm.allreduce(int(supports.round_.max(initial=0)), MPI.MAX)
+        known = supports.active[:, :2].any(axis=1) | self.constraints.fixed[:, :2].any(axis=1)
         done = supports.carrying.copy()
         for number in range(rounds, 0, -1):
             # Rotation of the arms that end at each node, where a crossover there is known.
@@ -427,32 +438,22 @@ class LinearNetwork:
             network.exchange.forward(network.exchange.reverse(turn))
             new = np.zeros(network.num_nodes_local, bool)
             for e in np.flatnonzero(supports.round_ == number):  # a handful, at sharp corners
-                nodes = network.arm_node[e]
-                arms = [k for k in range(4) if known[nodes[k]] and turn[nodes[k], 1] > 0]
-                if not arms:
+                nodes, length = network.arm_node[e], network.arm_length[e]
+                joints = np.flatnonzero(known[nodes])
+                if not len(joints):
                     continue  # a crossover joined to nothing
-                k = arms[0]
-                angle = turn[nodes[k], 0] / turn[nodes[k], 1]
+                k = joints[0]
+                angle = turn[nodes[k], 0] / max(turn[nodes[k], 1], 1.0)  # none beside a clamp
                 rotation[e] = angle
-                t, normal = network.arm_directions[k], network.arm_directions[(k + 1) % 4]
-                hinge[e] = yarn[nodes[k]] - network.arm_length[e, k] * angle * normal
-                for other in range(4):
-                    if other != k:
-                        across = network.arm_directions[(other + 1) % 4]
-                        yarn[nodes[other]] = (
-                            hinge[e] + network.arm_length[e, other] * angle * across
-                        )
-                        new[nodes[other]] = True
-            known |= new
+                hinge[e] = yarn[nodes[k]] - length[k] * angle * normal[k]
+                others = np.flatnonzero(nodes != nodes[k])
+                yarn[nodes[others]] = hinge[e] + (length * angle)[others, None] * normal[others]
+                new[nodes[others]] = True
             done |= supports.round_ == number
-            # What has been found here goes to the other ranks that have the node.
-            found = np.zeros((network.num_nodes_local, 3))
-            found[new, :2], found[new, 2] = yarn[new], 1.0
-            network.exchange.forward(network.exchange.reverse(found))
-            told = ~known & (found[:, 2] > 0)
-            yarn[told] = found[told, :2] / found[told, 2:]
-            known |= told
-        return hinge
+            tell(np.flatnonzero(new))
+            network.exchange.forward(network.exchange.reverse(new, np.logical_or))
+            known |= new
+        return network.exchange.forward(yarn)
 
 
 def _quadratic(matrix: np.ndarray, u: np.ndarray) -> np.ndarray:

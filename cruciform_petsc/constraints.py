@@ -183,7 +183,7 @@ class Constraints:
 
 
 def _chains(segments: np.ndarray) -> list[np.ndarray]:
-    """Segments (n, 2, 2) of an edge, parted where one does not begin at the end of the one before."""
+    """Segments (n, 2, 2) of an edge, parted where one does not begin where the last one ends."""
     breaks = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
     return np.split(segments, breaks)
 
@@ -253,7 +253,7 @@ def _keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: fl
         What the sum over all ends of length times lever is to be.
     """
     excess = sum(part @ lever for part, lever in zip(lengths, levers, strict=True)) - moment
-    size = max((abs(lever).max(initial=0.0) for lever in levers))
+    size = max(abs(lever).max(initial=0.0) for lever in levers)
     lean = [lever - lever.mean() if len(lever) else lever for lever in levers]
     widest = max((0, 1), key=lambda f: lean[f] @ lean[f])
     spread = lean[widest] @ lean[widest]

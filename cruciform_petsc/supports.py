@@ -164,8 +164,8 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> None:
             total[name] = total.get(name, 0) + np.array([known_here, size])
     if not total:
         raise InputError(
-            "nothing carries load: without yarn bending every crossover turns freely; switch bending "
-            "on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
+            "nothing carries load: without yarn bending every crossover turns freely; switch "
+            "bending on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
         )
     loose = [int(size) for known_total, size in total.values() if known_total < 3]
     if loose:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What several tests need: cloths, networks that float, affine motion, one solved test, gathering."""
+"""What several tests need: cloths, floating networks, affine motion, a solved test, gathering."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def solve(constraints: Constraints, options=None) -> Solved:
     near_null = None
     if options is not None:
         near_null = model.rigid_motions()[: network.num_nodes_owned].reshape(-1, 3)
-    solver = LinearSolver(matrix, near_null, options)
+    solver = LinearSolver(matrix, near_null, options=options)
     try:
         solution, info = solver.solve(rhs)
         values = model.local(solution)

@@ -335,7 +335,7 @@ def pulled_along_warp(matrix, length=0.5):
 
 
 def test_printed_15_lacks_the_factor():
-    """Pulled with free sides, only C11 = E_w / (1 - nu_w nu_e) returns E_w; the print E_w (1 - mu mu)."""
+    """Pulled with free sides, only C11 = E_w/(1 - nu_w nu_e) returns E_w; not the print."""
     a, t = equal_arms()
     warp, weft = UNEVEN.warp, UNEVEN.weft
     strain, _ = arm_rows(a, t)

@@ -346,7 +346,7 @@ def test_partition(preform):
 
 @pytest.mark.parametrize("preform", PARTED)
 def test_partition_is_balanced(preform):
-    """The largest part exceeds the mean by at most one row of crossovers per cut on the way to it."""
+    """The largest part exceeds the mean by at most half a row for each cut on the way to it."""
     network = serial(preform)
     count, extent = network.num_crossovers_global, np.ptp(network.crossover_ij, axis=0) + 1
     for size in SIZES:
@@ -358,7 +358,7 @@ def test_partition_is_balanced(preform):
 
 
 def test_partition_of_a_large_network():
-    """A quarter of a million crossovers on up to 64 ranks: the busiest has 3 % more than the mean."""
+    """A quarter of a million crossovers, up to 64 ranks: the busiest has 3 % more than the mean."""
     network = serial(Preform.rectangle(0.9, 1.2, "37 deg", refine=2))
     assert network.num_crossovers_global > 240_000
     for size in (2, 3, 7, 16, 64):

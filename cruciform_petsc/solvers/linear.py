@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -17,7 +17,7 @@ PREFIX = "cruciform_"
 # fill in little), and its memory stays below some 2 GiB.
 DIRECT_LIMIT = 400_000
 
-# Least energy of a motion relative to that of the matrix diagonal, for a matrix to count as regular.
+# Least energy of a motion, relative to that of the matrix diagonal, of a matrix that is not singular.
 # Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
 SOFTEST = 1e-14
 
@@ -32,12 +32,21 @@ ITERATIVE = {
     "ksp_max_it": 2000,
     "ksp_norm_type": "unpreconditioned",
     "pc_type": "gamg",
-    # Stiff yarns (E/G of hundreds and more) need a strong smoother and no dropping of couplings.
-    "pc_gamg_threshold": 0.0,
+    # Smoothers for GAMG and for the yarn multigrid: stiff yarns (E/G of hundreds and more) need
+    # more than Jacobi, and the ordering by yarn makes ICC a good one.
     "mg_levels_ksp_type": "chebyshev",
     "mg_levels_ksp_max_it": 2,
     "mg_levels_pc_type": "bjacobi",
     "mg_levels_sub_pc_type": "icc",
+    "mg_levels_sub_pc_factor_shift_type": "positive_definite",
+}
+YARN_MULTIGRID = ITERATIVE | {
+    "pc_type": "mg",
+    "pc_mg_galerkin": "both",
+    "pc_mg_cycle_type": "w",
+    "mg_coarse_ksp_type": "preonly",
+    "mg_coarse_pc_type": "cholesky",
+    "mg_coarse_pc_factor_mat_solver_type": "mumps",
 }
 # What the paper's separate systems need: singular matrices and loads that they cannot carry whole.
 # LSQR from zero gives the solution of least squares with the smallest norm.
@@ -94,34 +103,55 @@ class LinearSolver:
     near_null : float (n_owned_unknowns, m), optional
         Motions that cost (nearly) no energy, for algebraic multigrid.
     options : mapping, optional
-        PETSc options under the prefix; default DIRECT or ITERATIVE, by size.
+        PETSc options under the prefix. By default: DIRECT for small systems, YARN_MULTIGRID (or
+        ITERATIVE where there are no interpolations) for large ones.
     extra : mapping, optional
         Further options (of a case file) that overrule these.
     prefix : str
         Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
+    interpolations : callable, optional
+        Gives the interpolation matrices of a geometric multigrid, finest first; called, and the
+        matrices destroyed, if the preconditioner is PETSc's ``mg``.
     """
 
-    def __init__(self, matrix, near_null=None, options=None, extra=None, prefix: str = PREFIX):
+    def __init__(
+        self,
+        matrix: PETSc.Mat,
+        near_null: np.ndarray | None = None,
+        options: Mapping[str, object] | None = None,
+        extra: Mapping[str, object] | None = None,
+        prefix: str = PREFIX,
+        interpolations: Callable[[], list[PETSc.Mat]] | None = None,
+    ):
         self.matrix = matrix
-        unknowns = matrix.getSize()[0]
+        extra = dict(extra or {})
         if options is None:
-            options = DIRECT if unknowns <= DIRECT_LIMIT else ITERATIVE
-            if extra and extra.get("pc_type", extra.get("ksp_type")) not in (None, "cholesky"):
+            kinds = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
+            default = "cholesky" if matrix.getSize()[0] <= DIRECT_LIMIT else "mg"
+            # What is asked for on the command line brings its own defaults, too.
+            asked = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", default)))
+            options = kinds.get(asked, ITERATIVE)
+            if asked == "mg" and interpolations is None:
                 options = ITERATIVE
-        options = {**options, **(extra or {})}
-        if near_null is not None:
+        options = {**options, **extra}
+        kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
+        if near_null is not None and kind == "gamg":
             vectors = [
                 PETSc.Vec().createWithArray(column.copy(), comm=matrix.comm)
                 for column in _orthonormal(near_null, matrix.comm.tompi4py())
             ]
             space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
             matrix.setNearNullSpace(space)
+            for thing in (space, *vectors):
+                thing.destroy()
         self.ksp = PETSc.KSP().create(matrix.comm)
         self.ksp.setOptionsPrefix(prefix)
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
         with petsc_options(prefix, options):
+            if kind == "mg" and interpolations is not None:
+                self._attach(interpolations())
             self.ksp.setFromOptions()
             try:
                 self.ksp.setUp()
@@ -131,6 +161,15 @@ class LinearSolver:
                     f"(PETSc error {error.ierr})",
                     "SETUP",
                 ) from error
+
+    def _attach(self, interpolations: list[PETSc.Mat]) -> None:
+        """Hand interpolation matrices, finest first, to PCMG and destroy them."""
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.MG)
+        pc.setMGLevels(len(interpolations) + 1)
+        for level, matrix in enumerate(reversed(interpolations), start=1):
+            pc.setMGInterpolation(level, matrix)
+            matrix.destroy()
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.

@@ -186,14 +186,3 @@ def _number(linear, keys, point, strong):
     number[order] = answers
     return number[inverse], owned_key
 
-
-def attach(ksp: PETSc.KSP, linear: LinearNetwork) -> int:
-    """Make a KSP's preconditioner the yarn multigrid; number of levels. Collective."""
-    matrices = interpolations(linear)
-    pc = ksp.getPC()
-    pc.setType(PETSc.PC.Type.MG)
-    pc.setMGLevels(len(matrices) + 1)
-    for number, matrix in enumerate(reversed(matrices), start=1):
-        pc.setMGInterpolation(number, matrix)
-        matrix.destroy()
-    return len(matrices) + 1
