@@ -230,7 +230,7 @@ def test_line_loads_add_up():
     ],
 )
 def test_uniform_stress_is_in_equilibrium_with_line_loads(preform, fabric, bending):
-    """Outlines that fit: the affine motion of a uniaxial stress balances the tractions at each node.
+    """Outlines that fit: the affine motion of a uniaxial stress balances the load at each node.
 
     It proves areas, arms, quadrants, loads, tips, and that no edge is stiffer than it should be.
     """
