@@ -33,8 +33,8 @@ RNG = np.random.default_rng(5)
 OUTLINES = [
     pytest.param(diagonals(4, 6), TABLE_1, id="table-1"),
     pytest.param(Preform.rectangle(0.024, 0.036, "30 deg"), TABLE_1, id="30-degrees"),
-    pytest.param(Preform.rectangle(0.0337, 0.0471, "0 deg", origin=(0.001, 0.002)), UNEVEN, id="0"),
-    pytest.param(l_shape(0.04, 1.2), UNEVEN, id="L"),
+    pytest.param(Preform.rectangle(0.0187, 0.0231, "0 deg", origin=(0.001, 0.002)), UNEVEN, id="0"),
+    pytest.param(l_shape(0.033, 1.2), UNEVEN, id="L"),
     pytest.param(holed(0.03, 0.04, 0.007, 0.4), UNEVEN, id="hole"),
     *(
         pytest.param(random_preform(RNG, UNEVEN, 4.0, hole=k == 0), UNEVEN, id=f"random-{k}")
@@ -102,21 +102,20 @@ class SlowNetwork:
             else:
                 strain_of[k] = rotation_of[k] = None
                 dead.add(k)
-        if not self.model.bending:
-            loose = [
-                length[k] > 0
-                and not (network.arm_is_shared[e, k] and self.users[nodes[k]] == 2)
-                and not constraints.fixed[nodes[k]].any()
-                for k in range(4)
-            ]
-            for k in range(4):
-                other = OPPOSITE[k]
-                if not loose[k] or (loose[other] and k < other):
-                    continue
-                if length[other] > 0:
-                    rotation_of[k] = other
-                elif constraints.held_arm[nodes[other], other]:
-                    rotation_of[k] = None
+        loose = [
+            length[k] > 0
+            and not (network.arm_is_shared[e, k] and self.users[nodes[k]] == 2)
+            and not constraints.fixed[nodes[k]].any()
+            for k in range(4)
+        ]
+        for k in range(4):
+            other = OPPOSITE[k]
+            if not loose[k] or (loose[other] and k < other):
+                continue
+            if length[other] > 0:
+                rotation_of[k] = other
+            elif constraints.held_arm[nodes[other], other]:
+                rotation_of[k] = None
         return strain_of, rotation_of, dead
 
     def matrices(self):
@@ -158,12 +157,13 @@ class SlowNetwork:
                     continue
                 family = [fabric.warp, fabric.weft][k % 2]
                 width = network.pitch[1 - k % 2]
+                own = n_all[k] @ (self.displacement(nodes[k]) - hinge) / length[k]
                 rigidity = family.yarn_bending * family.yarns * width
                 end = self.row((self.d * nodes[k] + 2, 1.0)) / model.length_scale
                 start = turn[k % 2] / model.length_scale
                 for xi, weight in ((0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)):  # Simpson
                     curvature = (
-                        6 * (1 - 2 * xi) * rotation[k] + (6 * xi - 4) * start + (6 * xi - 2) * end
+                        6 * (1 - 2 * xi) * own + (6 * xi - 4) * start + (6 * xi - 2) * end
                     ) / length[k]
                     result[2] += rigidity * weight * length[k] * np.outer(curvature, curvature)
         return result
@@ -313,23 +313,22 @@ def test_vector_and_local():
 # -- affine motion -----------------------------------------------------------------------------
 
 
-def energy_with_affine_hinges(model, gradient):
-    """Sum over all cruciforms with nodes and hinges moved by one gradient."""
-    network, total = model.network, 0.0
+def energies_with_affine_hinges(model, gradient):
+    """Energy of each mode over all cruciforms, nodes and hinges moved by one gradient."""
+    network, total = model.network, {}
     values = affine_motion(model, gradient)
     x = (network.crossover_position - network.preform.lattice_origin) @ network.preform.rotation.T
     hinge = x @ np.asarray(gradient).T
     for group in model.groups:
-        u = values[network.arm_node[group.rows]].reshape(len(group.rows), -1)
+        ends = values[network.arm_node[group.rows]].reshape(-1, 4 * model.unknowns_per_node)
         rest = hinge[group.rows]
         if model.bending:
             turn = np.array([gradient[1][0], -gradient[0][1]]) * model.length_scale
             rest = np.concatenate([rest, np.tile(turn, (len(rest), 1))], axis=1)
-        u = np.concatenate([u, rest], axis=1)
-        for part in group.parts.values():
-            total += 0.5 * np.einsum(
-                "ni,nij,nj->", u, np.broadcast_to(part, (len(u), *part.shape[1:])), u
-            )
+        u = np.concatenate([ends, rest], axis=1)
+        for mode, part in group.parts.items():
+            part = np.broadcast_to(part, (len(u), *part.shape[1:]))
+            total[mode] = total.get(mode, 0) + 0.5 * np.einsum("ni,nij,nj->", u, part, u)
     return total
 
 
@@ -346,12 +345,26 @@ def carried_area(model):
 def test_affine_energy(preform, fabric, bending):
     """Nodes and hinges moved by a gradient: the membrane's energy density times the carried area.
 
-    Any outline, angle and pitch. 1e-12: sums of some hundred terms.
+    Any outline, angle and pitch. 1e-12: sums of some hundred terms. Straight yarns do not bend;
+    what is left is rounding times the stiffness of arms of a hundredth of a pitch.
     """
     model = floating(serial(preform, fabric), bending)
     for gradient in ([[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 1], [1, 0]], [[3, 1], [-2, -1]]):
+        energy = energies_with_affine_hinges(model, gradient)
         expected = energy_density(fabric, np.array(gradient, float)) * carried_area(model)
-        assert energy_with_affine_hinges(model, gradient) == pytest.approx(expected, rel=1e-12)
+        assert energy["tension"] + energy["shear"] == pytest.approx(expected, rel=1e-12)
+        assert energy.get("bending", 0.0) < 1e-9 * expected
+
+
+@BENDING
+@pytest.mark.parametrize(("preform", "fabric"), OUTLINES)
+def test_carried_area(preform, fabric, bending):
+    """All of the covered area but that of crossovers that carry nothing, a cell or so each."""
+    model = floating(serial(preform, fabric), bending)
+    network, supports = model.network, model.supports
+    left_out = network.quadrant_area[~supports.carrying].sum()
+    assert carried_area(model) == pytest.approx(network.covered_area() - left_out, rel=1e-12)
+    assert left_out <= 2 * (~supports.carrying).sum() * network.pitch.prod()
 
 
 FITTING = [
@@ -359,14 +372,17 @@ FITTING = [
     pytest.param(diagonals(3, 5, refine=2), TABLE_1, id="refined"),
     pytest.param(Preform.rectangle(0.0337, 0.0471, "0 deg", origin=(0.001, 0.002)), UNEVEN, id="0"),
     pytest.param(Preform.rectangle(0.0337, 0.0471, "90 deg"), UNEVEN, id="90"),
-    pytest.param(l_shape(0.0531, 0.0, origin=(0.0005, 0.0009)), UNEVEN, id="L"),
 ]
+
+
+# Free tails feel no shear traction at their ends: stretch and rotation only.
+GRADIENTS = [np.array([[1, 0], [0, 0]]), np.array([[3, 2], [-2, -1]])]
 
 
 @BENDING
 @pytest.mark.parametrize(("preform", "fabric"), FITTING)
 def test_affine_energy_with_free_hinges(preform, fabric, bending):
-    """Outlines along yarns, cut anywhere, or along the lattice's diagonals: the hinges follow.
+    """Rectangles along yarns, cut anywhere, or along the lattice's diagonals: the hinges follow.
 
     All of the outline carries, but for the quadrants of free corner tips (an eighth of a cell each
     side of the tip's yarn), which hang on by one arm.
@@ -374,15 +390,14 @@ def test_affine_energy_with_free_hinges(preform, fabric, bending):
     model = floating(serial(preform, fabric), bending)
     tips = int((~model.supports.carrying).sum())
     cell = model.network.pitch.prod()
-    assert carried_area(model) == pytest.approx(
-        preform.outline.area - 0.25 * tips * cell, rel=1e-12
-    )
-    for gradient in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[3, 1], [-2, -1]]):
+    area = preform.outline.area - 0.25 * tips * cell
+    assert carried_area(model) == pytest.approx(area, rel=1e-12)
+    for gradient in GRADIENTS:
         fields = model.crossover_fields(affine_motion(model, gradient))
-        energy = sum(fields[f"{mode}_energy"].sum() for mode in ("tension", "shear", "bending"))
-        density = energy_density(fabric, np.array(gradient, float))
-        assert energy == pytest.approx(density * carried_area(model), rel=1e-12)
-        assert fields["bending_energy"].sum() <= 1e-12 * energy
+        density = energy_density(fabric, gradient)
+        energy = fields["tension_energy"].sum() + fields["shear_energy"].sum()
+        assert energy == pytest.approx(density * area, rel=1e-12)
+        assert fields["bending_energy"].sum() <= 1e-10 * energy
 
 
 def test_affine_energy_with_free_hinges_where_the_outline_does_not_fit():
@@ -407,38 +422,36 @@ def test_affine_energy_with_free_hinges_where_the_outline_does_not_fit():
 @BENDING
 @pytest.mark.parametrize(("preform", "fabric"), FITTING)
 def test_fields_of_an_affine_motion(preform, fabric, bending):
-    """Displacement, strains, tensions, angle at every carrying crossover; all nodes' displacement."""
+    """Displacement, strains, tensions and angle at carrying crossovers; all nodes' displacement."""
     model = floating(serial(preform, fabric), bending)
     network = model.network
-    gradient, shift = np.array([[3.0, 1.0], [-2.0, -1.0]]), np.array([0.4, 0.7])
-    values = affine_motion(model, gradient, shift)
-    fields = model.crossover_fields(values)
-    good = fields["carrying"]
-    x = (network.crossover_position - preform.lattice_origin) @ preform.rotation.T
-    np.testing.assert_allclose(
-        (fields["displacement"] @ preform.rotation.T)[good],
-        (x @ gradient.T + shift)[good],
-        atol=1e-11,
-    )
-    whole = good & (model.network.arm_length > 0).all(axis=1)
-    for name, expected in (
-        ("warp_strain", 3.0),
-        ("weft_strain", -1.0),
-        ("shear_angle", -1.0),
-        ("warp_tension", 3.0 * fabric.c11 - fabric.c12),
-        ("weft_tension", 3.0 * fabric.c12 - fabric.c22),
-    ):
-        np.testing.assert_allclose(fields[name][good], expected, rtol=1e-10)
-    np.testing.assert_allclose(
-        fields["arm_strain"][whole], [[3, -1, 3, -1]] * whole.sum(), rtol=1e-10
-    )
-    np.testing.assert_allclose(
-        fields["arm_rotation"][whole], [[-2, -1, -2, -1]] * whole.sum(), rtol=1e-10
-    )
-    place = (network.node_position - preform.lattice_origin) @ preform.rotation.T
-    moved = model.node_displacement(values, fields) @ preform.rotation.T
-    used = np.unique(network.arm_node[good])
-    np.testing.assert_allclose(moved[used], (place @ gradient.T + shift)[used], atol=1e-11)
+    shift = np.array([0.4, 0.7])
+    for gradient in GRADIENTS:
+        values = affine_motion(model, gradient, shift)
+        fields = model.crossover_fields(values)
+        good = fields["carrying"]
+        x = (network.crossover_position - preform.lattice_origin) @ preform.rotation.T
+        moved = fields["displacement"] @ preform.rotation.T
+        np.testing.assert_allclose(moved[good], (x @ gradient.T + shift)[good], atol=1e-11)
+        warp, weft = np.diag(gradient)
+        for name, expected in (
+            ("warp_strain", warp),
+            ("weft_strain", weft),
+            ("shear_angle", gradient[0, 1] + gradient[1, 0]),
+            ("warp_tension", warp * fabric.c11 + weft * fabric.c12),
+            ("weft_tension", warp * fabric.c12 + weft * fabric.c22),
+        ):
+            size = 3 * (fabric.c11 if "tension" in name else 1)
+            np.testing.assert_allclose(fields[name][good], expected, atol=1e-10 * size)
+        whole = good & (network.arm_length > 0).all(axis=1)
+        turn = [gradient[1, 0], -gradient[0, 1]] * 2
+        for name, expected in (("arm_strain", [warp, weft] * 2), ("arm_rotation", turn)):
+            every = np.tile(expected, (whole.sum(), 1))
+            np.testing.assert_allclose(fields[name][whole], every, atol=1e-10)
+        place = (network.node_position - preform.lattice_origin) @ preform.rotation.T
+        moved = model.node_displacement(values, fields) @ preform.rotation.T
+        used = np.unique(network.arm_node[good])
+        np.testing.assert_allclose(moved[used], (place @ gradient.T + shift)[used], atol=1e-11)
 
 
 # -- rigid motion ------------------------------------------------------------------------------
@@ -543,7 +556,7 @@ def test_energy_is_work_of_the_clamp(bending):
 
 
 def test_loads_on_hanging_crossovers_are_passed_on():
-    """Tips of the specimen carry nothing: their load goes to the ends they hang on, none is lost."""
+    """Tips of the specimen carry nothing: their load goes to the ends they hang on."""
     constraints = Constraints(serial(diagonals(4, 6)), False)
     constraints.clamp("lower")
     constraints.line_load("upper", (0.0, 100.0))
@@ -581,9 +594,6 @@ def test_hanging_crossovers_go_along(preform, bending):
     constraints = Constraints(serial(preform), bending)
     constraints.clamp("lower", (1e-3, 2e-3))
     solved = solve(constraints)
-    assert (
-        solved.model.supports.num_hanging == (0 if bending and "11" in repr(preform) else 2) or True
-    )
     for moved in (solved.fields["displacement"], solved.node_displacement()):
         np.testing.assert_allclose(moved, np.tile([1e-3, 2e-3], (len(moved), 1)), atol=1e-12)
 
@@ -618,10 +628,8 @@ def test_crossover_hanging_on_the_clamp_moves_with_it():
     constraints.clamp("lower", (1e-3, 0.0))
     solved = solve(constraints)
     assert solved.model.supports.num_hanging > 0
-    np.testing.assert_allclose(
-        solved.fields["displacement"], np.tile([1e-3, 0.0], (len(solved.fields["displacement"]), 1)),
-        atol=1e-12,
-    )  # fmt: skip
+    moved = solved.fields["displacement"]
+    np.testing.assert_allclose(moved, np.tile([1e-3, 0.0], (len(moved), 1)), atol=1e-12)
 
 
 def test_guided_edge():
@@ -660,36 +668,37 @@ def test_cantilevered_yarn(yarns, refine):
     """Warp yarns clamped at one end and loaded across at the other: P L^3 / 3 EI to 1e-8.
 
     The network's own strip, one to three crossovers wide, without shear. Its weft yarns are kept
-    from turning, which without shear takes no force, and stay as long as they are. Where there are
-    several yarns, they share the load. What is left is the stretch of the weft, E/EI.
+    from turning, which without shear takes no force. The width gives each warp yarn the same load;
+    they bend alike, and the weft stays as long as it is. 1e-8 is rounding times the condition of a
+    chain of beams, which goes with the fourth power of their number.
     """
-    stiff = Fabric(
-        "yarn", YarnFamily(1e9, 0.0, 240.0, 6e-7), YarnFamily(1e9, 0.0, 240.0, 6e-7), 1.0
-    )
-    length = 10.3 * PITCH
-    preform = Preform.rectangle((yarns - 0.1) * PITCH, length, 0.0, refine=refine)
-    constraints = Constraints(serial(preform, stiff), bending=True)
+    family = YarnFamily(1e4, 0.0, 240.0, 6e-7)
+    length, traction = 5.3 * PITCH, 2.1e-3
+    width = yarns * PITCH
+    preform = Preform.rectangle(width, length, 0.0, refine=refine)
+    constraints = Constraints(serial(preform, Fabric("yarns", family, family, 1.0)), bending=True)
     network = constraints.network
     constraints.clamp("lower")
     constraints.fixed[network.node_family == 1, 2] = True
-    constraints.line_load("upper", (0.0021, 0.0))
+    constraints.line_load("upper", (traction, 0.0))
     model = LinearNetwork(constraints)
-    matrix = model.matrix("tension", "bending")
     load = model.loads("tension", "bending")
-    load[~model.free] = 0.0
     free = model.free.ravel()
+    stiffness = dense(model.matrix("tension", "bending"))[np.ix_(free, free)]
     values = np.zeros(free.size)
-    values[free] = np.linalg.solve(dense(matrix)[np.ix_(free, free)], load.ravel()[free])
-    moved = values.reshape(load.shape) @ np.eye(3)[:, :2] @ preform.rotation
-    rigidity = 6e-7 * len(np.unique(network.crossover_ij[:, 1])) / refine
-    force = 0.0021 * (yarns - 0.1) * PITCH
-    tip = constraints.nodes_on("upper")
-    tip = tip[network.node_family[tip] == 0]
-    expected = force * length**3 / (3 * rigidity)
-    weight = constraints.force[tip] @ preform.rotation[:, 0] / force
-    # Yarns in proportion to their load would bend alike: the mean is right for any sharing.
-    tolerance = 1e-8 if yarns == 1 and refine == 1 else 2e-2
-    assert weight @ moved[tip, 0] == pytest.approx(expected, rel=tolerance)
+    values[free] = np.linalg.solve(stiffness, load.ravel()[free])
+    values = values.reshape(load.shape)
+    rows = np.unique(network.crossover_ij[:, 1])
+    assert len(rows) == yarns * refine
+    tips = constraints.nodes_on("upper")
+    tips = tips[network.node_family[tips] == 0]
+    assert len(tips) == len(rows)
+    moved = values[tips, :2] @ preform.rotation
+    rigidity = family.yarn_bending * yarns
+    force = traction * width
+    np.testing.assert_allclose(moved[:, 0], force * length**3 / (3 * rigidity), rtol=1e-8)
+    slope = values[tips, 2] / model.length_scale  # anticlockwise is against x
+    np.testing.assert_allclose(slope, -force * length**2 / (2 * rigidity), rtol=1e-8)
 
 
 def strip_modulus(fabric, degrees, refine, bending):
@@ -734,7 +743,7 @@ def test_off_axis_modulus(fabric, bending, degrees):
 def inextensible(across, along, cells):
     """Least energy of the net u_w = f(e), u_e = g(w) between clamps; G = pull = diagonal = 1.
 
-    Lengths in diagonals of the lattice cell, yarn coordinates w = (x + y)/sqrt 2, e = (y - x)/sqrt 2.
+    Lengths in diagonals of the lattice cell; yarn coordinates w, e = (y + x, y - x)/sqrt 2.
     Yarns that end on the lower clamp stay, those on the upper one move by 1/sqrt 2; f' and g' are
     constant on pieces of 1/cells of a pitch, and the energy 1/2 (f'_j + g'_i)^2 times the area of
     the specimen in each piece is least under one condition: f' adds up to 1/sqrt 2 between the
@@ -788,21 +797,17 @@ def inextensible(across, along, cells):
     return load, mean_angle
 
 
-def test_one_dimensional_reference():
-    """H = 2 W: the zones of the pin-jointed net. H = 3 W: the figures of the literature's remark."""
-    for along, energy in ((16, 1.0), (24, 0.988)):
-        load, angle = inextensible(8, along, 4)
-        free = along - 8
-        # Zones: gamma = 2 d / L0 in the middle, half of it beside; in the middle a square of side
-        # W/sqrt 2 for H = 2 W, and longer by H - 2 W along the pull else.
-        full = 2.0 / free
-        middle = 0.5 * 8**2 + 8 * (along - 16)
-        beside = 8 * along - middle - 2 * 0.25 * 8**2
-        zones = full**2 * (middle + 0.25 * beside)
-        assert load == pytest.approx(energy * zones, rel=1e-3)
-        assert angle(along // 2, along // 2) == pytest.approx(
-            full * (1.0 if along == 16 else 0.77), rel=0.02
-        )
+@pytest.mark.parametrize(("ratio", "energy", "centre"), [(2, 1.0, 1.0), (3, 0.988, 0.73)])
+def test_one_dimensional_reference(ratio, energy, centre):
+    """H = 2 W: the usual zones of the pin-jointed net. H = 3 W: less energy, and uneven shear."""
+    across, along = 32, 32 * ratio
+    load, angle = inextensible(across, along, 2)
+    # Zones: gamma = 2 d / L0 in the middle, half of it beside, none in two triangles.
+    full = 2.0 / (along - across)
+    middle = 0.5 * across**2 + across * (along - 2 * across)
+    beside = across * along - middle - 0.5 * across**2
+    assert load == pytest.approx(energy * full**2 * (middle + 0.25 * beside), rel=1e-3)
+    assert angle(along // 2, along // 2) == pytest.approx(centre * full, rel=0.01)
 
 
 @pytest.mark.parametrize("ratio", [2, 3])
@@ -816,13 +821,13 @@ def test_inextensible_limit(ratio):
     load, mean_angle = inextensible(across, along, 4)
     assert solved.force_on("upper")[1] == pytest.approx(load * g * extension, rel=5e-3)
     network = solved.network
-    rotation = solved.fields["arm_rotation"]
-    angle = rotation[:, QUADRANTS[:, 0]] - rotation[:, QUADRANTS[:, 1]]
-    expected, weight = np.zeros_like(angle), network.quadrant_area
+    weight = network.quadrant_area
+    expected = np.zeros_like(weight)
     for (row, q), area in np.ndenumerate(weight):
         if area > 0:
             i, j = network.crossover_ij[row]
             expected[row, q] = mean_angle(i - 0.5 * (q in (1, 2)), j - 0.5 * (q in (2, 3)))
-    expected *= extension / DIAGONAL
-    error = np.sqrt((weight * (angle - expected) ** 2).sum() / (weight * expected**2).sum())
-    assert error < 0.02
+    area = weight.sum(axis=1)
+    expected = (weight * expected).sum(axis=1) / area * extension / DIAGONAL
+    off = area @ (solved.fields["shear_angle"] - expected) ** 2
+    assert np.sqrt(off / (area @ expected**2)) < 0.02
