@@ -141,13 +141,15 @@ class LinearNetwork:
         for k in range(4):
             turn[:, d * k : d * k + 2, d * k : d * k + 2] = self.constraints.frame[nodes[:, k]]
 
-        load = np.zeros((len(rows), matrix.shape[1]))
+        push = np.zeros((len(rows), 10))
         for k in range(4):  # u_tail across the yarn = u_0 + a theta, theta the yarn's rotation
+            normal = network.arm_directions[(k + 1) % 4]
             slaved = supports.slaved[keep][:, k]
-            across = self.force[nodes[:, k]] @ network.arm_directions[(k + 1) % 4]
-            across = np.where(slaved, across, 0.0)
-            load[:, 8:10] += across[:, None] * network.arm_directions[(k + 1) % 4]
-            load[:, :10] += (across * a[:, k])[:, None] * rotation[:, k]
+            across = np.where(slaved, self.force[nodes[:, k]] @ normal, 0.0)
+            push[:, 8:] += across[:, None] * normal
+            push += (across * a[:, k])[:, None] * rotation[:, k]
+        load = np.zeros((len(rows), matrix.shape[1]))
+        load[:, DISPLACEMENTS if self.bending else slice(None)] = push
         tie = np.zeros((len(rows), 1, load.shape[1]))
         tie[:, 0] = load
         _tie_hinge_rows(tie, tied_rows, hinge_slot[tied_rows], d)

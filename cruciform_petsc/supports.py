@@ -55,10 +55,9 @@ def find_supports(constraints: Constraints) -> Supports:
 
     - A missing arm (its crossover lies on the outline) is held at a clamp: no strain, no rotation.
       At a free edge it has the strain and the rotation of the other arm of its yarn.
-    - A tail (an arm that ends free on the outline) shears its quadrants as if it were straight with
-      the other arm of its yarn; its strain is its own. Without yarn bending its end just is where
-      that puts it. (If tails sheared their quadrants by their own rotation, a specimen with soft
-      bending would be softer than the same one without.)
+    - Without yarn bending a tail (an arm that ends free on the outline) is straight with the other
+      arm of its yarn; its strain is its own. With bending it is a beam, and gives way a little to
+      the shear of its quadrants: the softer the yarn, the more.
     - Without yarn bending a crossover that hangs on by a single arm end turns freely about it and
       is left out; this is repeated until none is left.
     - A yarn that has neither arm at its crossover (the tip of a corner) carries nothing in the
@@ -82,13 +81,15 @@ def find_supports(constraints: Constraints) -> Supports:
 
     nothing = missing & other_missing & ~held
     source = np.where(missing, np.where(held | nothing, HELD, other), own)
-    tail = ~missing & ~joined[boundary]
-    # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
-    follows = tail & ~(other_missing & ~other_held) & ~(tail[:, OPPOSITE] & (own < other))
-    rotation_source = np.where(follows, other, source)
+    slaved = np.zeros_like(missing)
+    if not bending:
+        tail = ~missing & ~joined[boundary]
+        # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
+        slaved = tail & ~(other_missing & ~other_held) & ~(tail[:, OPPOSITE] & (own < other))
+    rotation_source = np.where(slaved, other, source)
     # The other arm may itself be missing and held.
     rotation_source = np.where(
-        follows & (source[np.arange(len(source))[:, None], other] == HELD), HELD, rotation_source
+        slaved & (source[np.arange(len(source))[:, None], other] == HELD), HELD, rotation_source
     )
     area = network.quadrant_area[boundary].copy()
     for q, (i, j) in enumerate(QUADRANTS):
@@ -98,8 +99,6 @@ def find_supports(constraints: Constraints) -> Supports:
     active[network.arm_node[carrying].ravel()] = True
     if bending:
         active[network.node_is_hinge, 2] = False
-    # With bending the tail is a beam with unknowns of its own, though it bears no shear by them.
-    slaved = follows & (not bending)
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
     network.exchange.reverse(active, np.logical_or)

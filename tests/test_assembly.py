@@ -110,8 +110,8 @@ class SlowNetwork:
         ]
         for k in range(4):
             other = OPPOSITE[k]
-            if not loose[k] or (loose[other] and k < other):
-                continue
+            if self.model.bending or not loose[k] or (loose[other] and k < other):
+                continue  # with bending a tail is a beam that turns by itself
             if length[other] > 0:
                 rotation_of[k] = other
             elif constraints.held_arm[nodes[other], other]:

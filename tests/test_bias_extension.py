@@ -132,18 +132,6 @@ def test_wrong_arguments(network, options, words):
         BiasExtension(network, **options)
 
 
-def test_no_bending_is_the_limit_of_soft_bending():
-    """Load grows with the yarns' rigidity, from that without bending: tails make no difference."""
-    preform = Preform.rectangle("7.5 cm", "22 cm")  # off the lattice, tails up to 0.4 pitch
-    loads = []
-    for factor in (0.0, 1e-6, 1e-2, 1.0):
-        yarns = replace(TABLE_1.warp, yarn_bending=factor * TABLE_1.warp.yarn_bending)
-        network = Network(MPI.COMM_SELF, preform, replace(TABLE_1, warp=yarns, weft=yarns))
-        loads.append(BiasExtension(network, extension=1e-3, bending=factor > 0).solve().load)
-    assert loads == sorted(loads)
-    assert loads[1] == pytest.approx(loads[0], rel=1e-6)
-
-
 def test_bending_needs_a_rigidity():
     soft = replace(TABLE_1, warp=replace(TABLE_1.warp, yarn_bending=0.0))
     network = Network(MPI.COMM_SELF, Preform.rectangle("2.4 cm", "3.6 cm"), soft)

@@ -97,20 +97,22 @@ def _draw_yarns(comm, path, samples: Mapping[str, YarnSample | None], clamps, sc
         colours = _angle_colours([sample.shear_angle_deg for sample in drawn.values()])
         points = [p for s in drawn.values() for p in (s.before, s.after(scale))]
         low, high = _bounds(points)
-        bar = 0.03 * (high - low)[1]
+        bar = np.array([0.0, 0.03]) * (high - low)
         edges = [segments + scale * np.asarray(motion) for segments, motion in clamps]
         low, high = _bounds([low[None], high[None], *(edge.reshape(-1, 2) for edge in edges)])
         if clamps:
-            low, high = low - (0, bar), high + (0, bar)
+            low, high = low - bar, high + bar
         panels = _Panels(low, high, len(drawn))
         for axes, (title, sample) in zip(panels.axes, drawn.items(), strict=True):
             _add_yarns(axes, sample, scale, colours, panels.points_per_metre)
             for edge in edges:
-                _add_clamp(axes, edge, bar)
+                _add_clamp(axes, edge, bar[1])
             axes.set_title(title)
         panels.colour_bar(-1, colours, ANGLE_LABEL)
-        if scale != 1.0:
-            panels.axes[0].set_xlabel(f"x (mm), displacement drawn {scale:g} times")
+        every = max(sample.every for sample in drawn.values())
+        notes = [f"1 in {every} yarns drawn"] if every > 1 else []
+        notes += [f"displacement drawn {scale:g} times"] if scale != 1.0 else []
+        panels.note("\n".join(notes))
         return panels.figure
 
     _save(comm, path, draw)
@@ -182,7 +184,7 @@ def shear_maps(
     def draw() -> Figure:
         assert sample is not None
         values = {name: sample.values[name] for name in names}
-        shared = _angle_colours(list(values.values()), share=0.995)
+        shared = _angle_colours(list(values.values()))
         low, high = _bounds(sample.outline)
         panels = _Panels(low, high, 1 if len(values) == 1 else 3, bar_after=len(values) - 1)
         for axes, (name, value) in zip(panels.axes, values.items(), strict=False):
@@ -193,7 +195,7 @@ def shear_maps(
             first, second = values.values()
             off = _difference_colours(first - second)
             _add_map(panels.axes[2], sample, first - second, off)
-            panels.axes[2].set_title(f"{names[0].capitalize()} − {names[1]}")
+            panels.axes[2].set_title(f"{names[0].capitalize()} minus {names[1]}")
             panels.colour_bar(2, off, "difference (°)")
         if title:
             panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
@@ -256,7 +258,7 @@ def shear_against_load(
         curves["largest"] = (load_N, shear_max_deg)
     curves = {label: _from_origin(*curve) for label, curve in curves.items()}
     labels = ("load (N)", ANGLE_LABEL)
-    _draw_curves(comm, path, curves | dict(others or {}), labels, title, from_zero=True)
+    _draw_curves(comm, path, curves | dict(others or {}), labels, title)
 
 
 def load_against_extension(
@@ -271,7 +273,7 @@ def load_against_extension(
     """Draw the load against the extension; ``others`` as (extension_mm, load_N). See above."""
     curves = {"network": _from_origin(extension_mm, load_N)} | dict(others or {})
     labels = ("extension (mm)", "load (N)")
-    _draw_curves(comm, path, curves, labels, title, from_zero=True)
+    _draw_curves(comm, path, curves, labels, title)
 
 
 def shear_along_centre_line(
@@ -284,11 +286,12 @@ def shear_along_centre_line(
     comm : mpi4py communicator
     path : str or Path
     curves : dict of (distance_mm, shear_deg)
-        By label; needed on rank 0 only.
+        By label, distances ascending; needed on rank 0 only. Curves stop at a hole.
     title : str
     """
     labels = ("distance from the clamp (mm)", ANGLE_LABEL)
-    _draw_curves(comm, path, curves, labels, title, from_zero=True)
+    broken = {label: _broken_at_gaps(*curve) for label, curve in curves.items()}
+    _draw_curves(comm, path, broken, labels, title)
 
 
 def convergence(
@@ -335,13 +338,12 @@ def convergence(
     _save(comm, path, draw)
 
 
-def _draw_curves(comm, path, curves: Curves, labels, title: str, *, from_zero: bool) -> None:
+def _draw_curves(comm, path, curves: Curves, labels, title: str) -> None:
     def draw() -> Figure:
         figure, axes = _curve_axes(labels, title)
         for i, (label, (x, y)) in enumerate(curves.items()):
             axes.plot(x, y, label=label, **_line(i, len(x)))
-        if from_zero:
-            _include_zero(axes)
+        _include_zero(axes)
         _legend(axes, len(curves))
         return figure
 
@@ -397,10 +399,20 @@ def _from_origin(x, y) -> tuple[np.ndarray, np.ndarray]:
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
-    if len(x) and (x > 0).all() or (x < 0).all():
+    if len(x) and ((x > 0).all() or (x < 0).all()):
         at = 0 if x[0] > 0 else len(x)
         x, y = np.insert(x, at, 0.0), np.insert(y, at, 0.0)
     return x, y
+
+
+def _broken_at_gaps(x, y) -> tuple[np.ndarray, np.ndarray]:
+    """Put a NaN wherever a step along x is far larger than is usual."""
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    if len(x) < 3:
+        return x, y
+    step = np.diff(x)
+    gap = 1 + np.flatnonzero(step > 4.0 * np.median(step))
+    return np.insert(x, gap, np.nan), np.insert(y, gap, np.nan)
 
 
 # -- panels, colours, files ---------------------------------------------------------------------
@@ -427,8 +439,8 @@ class _Panels:
         if bar_after is not None:
             left[bar_after + 1 :] += self.BAR
         # savefig cuts the picture to what is drawn; the figure itself is just large enough.
-        self.total = np.array([left[-1] + self.width + self.BAR, self.height]) + 1.0
-        self.figure = Figure(figsize=tuple(self.total))
+        self.total = float(left[-1] + self.width) + self.BAR + 1.0, float(self.height) + 1.0
+        self.figure = Figure(figsize=self.total)
         self.left = left + 0.7
         self.axes: list[Axes] = []
         for i in range(columns):
@@ -436,8 +448,10 @@ class _Panels:
             axes.set_xlim(*1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
             axes.set_ylim(*1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
             axes.set_xlabel("x (mm)")
-            axes.locator_params(axis="x", nbins=max(2, min(6, int(self.width / 0.55))), min_n_ticks=2)
-            axes.tick_params(direction="out", length=3)
+            room = max(2, min(6, int(self.width / 0.55)))
+            axes.locator_params(axis="x", nbins=room, min_n_ticks=2)
+            axes.tick_params(direction="out", length=3, color="0.5")
+            axes.spines[:].set_color("0.75")
             if i == 0:
                 axes.set_ylabel("y (mm)")
             else:
@@ -445,8 +459,8 @@ class _Panels:
             self.axes.append(axes)
 
     def _axes(self, left: float, width: float) -> Axes:
-        at = np.array([left, 0.5, width, self.height])
-        return self.figure.add_axes(tuple(at / np.tile(self.total, 2)))
+        x, y = self.total
+        return self.figure.add_axes((left / x, 0.5 / y, width / x, self.height / y))
 
     def colour_bar(self, panel: int, colours, label: str) -> None:
         """Draw the colour scale to the right of a panel."""
@@ -456,6 +470,11 @@ class _Panels:
         place = self._axes(self.left[panel] + self.width + 0.14, 0.14)
         self.figure.colorbar(ScalarMappable(norm, colour_map), place, label=label, extend=extend)
 
+    def note(self, text: str) -> None:
+        """Write small print below the first panel."""
+        left, low = self.left[0] / self.total[0], 0.02 / self.total[1]
+        self.figure.text(left, low, text, fontsize=7, color="0.4", va="top")
+
 
 def _bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     together = np.concatenate(list(points))
@@ -463,19 +482,20 @@ def _bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _angle_colours(
-    angles: Sequence[np.ndarray], share: float = 1.0
+    angles: Sequence[np.ndarray], share: float = 0.998
 ) -> tuple[Normalize, Colormap, str]:
     """Colour scale, colour map and which ends of the scale are passed by some values.
 
-    From zero up if the angles have one sign (bar a little scatter), else centred on zero. With
-    ``share`` < 1 the few largest values do not stretch the scale.
+    From zero up if the angles have one sign (bar a little scatter), else centred on zero. The
+    largest few of many values, beyond ``share`` of them, do not stretch the scale.
     """
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap, Normalize
 
     every = np.concatenate([np.ravel(angle) for angle in angles])
     every = every[np.isfinite(every)] if np.isfinite(every).any() else np.zeros(1)
-    low, high = np.quantile(every, [1.0 - share, share])
+    low = np.quantile(every, 1.0 - share, method="lower")
+    high = np.quantile(every, share, method="higher")
     if min(-low, high) > 0.15 * max(-low, high):
         return _difference_colours(every, share)
     # The light end of plasma would be lost on white paper.
@@ -493,7 +513,7 @@ def _difference_colours(
     from matplotlib.colors import Normalize
 
     good = np.abs(differences[np.isfinite(differences)])
-    largest = float(np.quantile(good, share)) if good.size else 0.0
+    largest = float(np.quantile(good, share, method="higher")) if good.size else 0.0
     shades = colormaps["RdBu_r"].copy()
     shades.set_bad("0.75")
     largest = largest or 1.0

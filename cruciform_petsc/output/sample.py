@@ -14,7 +14,8 @@ import numpy as np
 
 from ..network import Network
 
-LIMIT = 20_000
+YARN_LIMIT = 3_000  # crossovers whose yarns can still be told apart on a page
+MAP_LIMIT = 20_000  # cells that can
 
 
 @dataclass
@@ -31,8 +32,10 @@ class YarnSample:
         0 warp, 1 weft.
     first : int64 (m,)
         Where each polyline begins.
+    every : int
+        One in so many yarns was taken.
     spacing : float
-        Mean distance between the yarns taken, metres.
+        Mean distance between those, metres.
     outline : list of float (k, 2)
         Closed rings before the deformation, metres: the exterior, then the holes.
     """
@@ -42,6 +45,7 @@ class YarnSample:
     shear_angle_deg: np.ndarray
     family: np.ndarray
     first: np.ndarray
+    every: int
     spacing: float
     outline: list[np.ndarray]
 
@@ -92,7 +96,7 @@ def sample_yarns(
     network: Network,
     node_displacement: np.ndarray,
     fields: Mapping[str, np.ndarray],
-    limit: int = LIMIT,
+    limit: int = YARN_LIMIT,
 ) -> YarnSample | None:
     """Gather yarns, or every k-th of them, on rank 0. Collective.
 
@@ -117,7 +121,7 @@ def sample_yarns(
     every = _stride(network, limit)
     while True:
         taken = [_places(network, family, every) for family in (0, 1)]
-        largest = [network.comm.allreduce(int(len(rows))) for rows, *_ in taken]
+        largest = [network.comm.allreduce(len(rows)) for rows, *_ in taken]
         if every == 1 or max(largest) <= limit:
             break
         every += 1 + every // 4
@@ -141,6 +145,7 @@ def sample_yarns(
         shear_angle_deg=table[:, 8],
         family=table[:, 0].astype(np.int8),
         first=np.flatnonzero(table[:, 3]),
+        every=every,
         spacing=every * float(network.pitch.mean()),
         outline=_rings(network),
     )
@@ -177,7 +182,7 @@ def _places(network: Network, family: int, every: int):
 
 
 def sample_map(
-    network: Network, values: Mapping[str, np.ndarray], limit: int = LIMIT
+    network: Network, values: Mapping[str, np.ndarray], limit: int = MAP_LIMIT
 ) -> MapSample | None:
     """Gather values at the crossovers, or their means over blocks, on rank 0. Collective.
 

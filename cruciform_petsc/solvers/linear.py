@@ -186,7 +186,7 @@ class LinearSolver:
         self.matrix.mult(x, residual)
         residual.aypx(-1.0, rhs)
         norm = rhs.norm()
-        relative = residual.norm() / norm if norm > 0 else 0.0
+        relative = residual.norm() / norm if norm != 0 else 0.0  # a norm may be NaN
         residual.destroy()
         info = SolverInfo(
             self.ksp.getType(),
@@ -219,6 +219,7 @@ class LinearSolver:
         if self._checked:
             return
         diagonal = self.matrix.getDiagonal()
+        diagonal.abs()
         x, y = diagonal.duplicate(), diagonal.duplicate()
         begin, end = x.getOwnershipRange()
         x.setArray(np.cos(np.arange(begin, end) ** 2))  # some of every motion

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Files of a network that lies on several ranks."""
+
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+import shapely
+from mpi4py import MPI
+from test_output import read_vtkhdf
+
+from cruciform_petsc import BiasExtension, Fabric, Network, Preform
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.output import pictures
+from cruciform_petsc.output.paraview import ENERGIES, write_network
+from cruciform_petsc.output.sample import sample_map, sample_yarns
+from cruciform_petsc.output.tables import write_csv, write_json
+
+COMM = MPI.COMM_WORLD
+TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
+pytestmark = pytest.mark.three_ranks
+
+
+def solved(comm):
+    """A strip with a hole, pulled by 1 mm."""
+    hole = np.asarray(shapely.Point(0.0, 0.04).buffer(0.0101).exterior.coords)[:-1]
+    preform = Preform.rectangle("40 mm", "80 mm", "40 deg", holes=[hole])
+    return BiasExtension(Network(comm, preform, TABLE_1), extension="1 mm").solve()
+
+
+@pytest.fixture(scope="module")
+def result():
+    return solved(COMM)
+
+
+@pytest.fixture(scope="module")
+def alone():
+    """The same on each rank by itself."""
+    return solved(MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("together", [True, False], ids=["at once", "in turn"])
+def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone, together, monkeypatch):
+    """The network is there once, whoever wrote it and however; only ends on borders are doubled."""
+    if together and not h5py.get_config().mpi:
+        pytest.skip("h5py without MPI")
+    monkeypatch.setattr(h5py, "get_config", lambda: SimpleNamespace(mpi=together))
+    path = tmp_path / f"network-{together}.vtkhdf"
+    network = result.network
+    write_network(path, network, result.node_displacement, result.fields, {"ranks": COMM.size})
+    ghosts = network.comm.allreduce(network.num_nodes_local - network.num_nodes_owned)
+    if COMM.rank > 0:
+        return
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+    points, lines, point, cell = read_vtkhdf(path)
+
+    one, fields = alone.network, alone.fields
+    n = one.num_crossovers_global
+    has_arm = one.arm_length > 0
+    hinge = point["crossover"] >= 0
+    assert np.sort(point["crossover"][hinge]).tolist() == list(range(n))
+    assert len(points) == n + (~one.node_is_hinge).sum() + ghosts
+    assert len(lines) == has_arm.sum()
+    assert (np.unique(cell["rank"]) == np.arange(COMM.size)).all()
+    assert hinge[lines[:, 0]].all()
+    assert not hinge[lines[:, 1]].any()
+
+    # Every arm end between two crossovers is shared, also where they are on two ranks.
+    name = point["node"][lines[:, 1]]
+    assert (np.bincount(name) == 2).sum() == one.arm_is_shared.sum() / 2
+    assert np.bincount(name).max() == 2
+    # Copies of an end agree: the same place, the same values.
+    _, first, copy = np.unique(point["node"][~hinge], return_index=True, return_inverse=True)
+    for values in (points, point["displacement"], point["shear_angle_deg"]):
+        np.testing.assert_array_equal(values[~hinge][first][copy], values[~hinge])
+
+    # Fields as on one rank, by the crossovers' numbers.
+    scale = abs(alone.node_displacement).max()
+    at = point["crossover"][hinge]
+    moved = points[hinge, :2] - one.crossover_position[at]
+    np.testing.assert_allclose(moved, fields["displacement"][at], atol=1e-8 * scale)
+    shear = np.rad2deg(fields["shear_angle"])
+    np.testing.assert_allclose(point["shear_angle_deg"][hinge], shear[at], atol=1e-5)
+    for energy in ENERGIES:
+        by_crossover = np.bincount(cell["crossover"], weights=cell[energy], minlength=n)
+        tolerance = 1e-5 * fields[energy].max()
+        np.testing.assert_allclose(by_crossover, fields[energy], atol=tolerance, err_msg=energy)
+
+
+def test_ranks_without_crossovers(tmp_path):
+    """They have no part in the file, but write it with the others."""
+    preform = Preform.rectangle("4.2 mm", "4.2 mm", "0 deg")
+    network = Network(COMM, preform, TABLE_1)
+    assert network.num_crossovers_global == 1
+    n = network.num_crossovers_owned
+    names = ("shear_angle", "warp_tension", "weft_tension", *ENERGIES)
+    fields = {name: np.full(n, 0.5) for name in names}
+    fields |= {"displacement": np.zeros((n, 2)), "arm_strain": np.zeros((n, 4))}
+    fields["carrying"] = np.ones(n, bool)
+    moved = np.zeros((network.num_nodes_local, 2))
+    path = tmp_path / "one.vtkhdf"
+    write_network(path, network, moved, fields)
+    yarns = sample_yarns(network, moved, fields)
+    cells = sample_map(network, {"shear": fields["shear_angle"]})
+    if COMM.rank == 0:
+        points, lines, _, cell = read_vtkhdf(path)
+        assert len(points) == 5
+        assert len(lines) == 4
+        assert cell["shear_energy"].sum() == pytest.approx(0.5)
+        assert len(yarns.first) == 2
+        assert len(yarns.before) == 6
+        assert cells.values["shear"].tolist() == [0.5]
+
+
+@pytest.mark.parametrize("limit", [10_000, 60])
+def test_samples_do_not_depend_on_the_ranks(result, alone, limit):
+    """The same yarns and cells as from one rank, on rank 0, and None on the others."""
+    samples, maps = [], []
+    for r in (result, alone):
+        samples.append(sample_yarns(r.network, r.node_displacement, r.fields, limit))
+        height = r.network.crossover_position[:, 1]
+        maps.append(sample_map(r.network, {"y": height, "shear": r.fields["shear_angle"]}, limit))
+    if COMM.rank > 0:
+        assert samples[0] is None
+        assert maps[0] is None
+        return
+    many, one = samples
+    assert many.every == one.every
+    np.testing.assert_array_equal(many.first, one.first)
+    np.testing.assert_array_equal(many.family, one.family)
+    np.testing.assert_allclose(many.before, one.before, atol=1e-12)
+    np.testing.assert_allclose(many.displacement, one.displacement, atol=1e-10)
+    np.testing.assert_allclose(many.shear_angle_deg, one.shear_angle_deg, atol=1e-5)
+    many, one = maps
+    np.testing.assert_allclose(many.centre, one.centre, atol=1e-12)
+    np.testing.assert_array_equal(many.at_outline, one.at_outline)
+    for name in ("y", "shear"):
+        np.testing.assert_allclose(many.values[name], one.values[name], atol=1e-7)
+
+
+def test_errors_reach_every_rank(tmp_path, result):
+    """No rank waits for one that could not write."""
+    path = tmp_path / "none" / "x"
+    for write in (
+        lambda: write_network(path, result.network, result.node_displacement, result.fields),
+        lambda: write_csv(COMM, path, {"a": [1]}),
+        lambda: write_json(COMM, path, {"a": 1}),
+        lambda: pictures.load_against_extension(COMM, path, [1.0], [1.0]),
+    ):
+        with pytest.raises(InputError, match="cannot be written: No such file"):
+            write()
+
+
+def test_pictures_need_their_data_on_rank_0_only(tmp_path, result):
+    sample = sample_yarns(result.network, result.node_displacement, result.fields)
+    shear = sample_map(result.network, {"network": result.fields["shear_angle"]})
+    pictures.yarns_before_and_after(COMM, tmp_path / "yarns.png", sample)
+    pictures.shear_maps(COMM, tmp_path / "map.png", shear, ("network",))
+    for name in ("yarns.png", "map.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
