@@ -44,7 +44,8 @@ STYLE: dict[str, Any] = {
 # Okabe and Ito: told apart by colour-blind readers, too.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P")
-MANY_POINTS = 40  # curves with more points have no markers
+DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
+MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 
 
@@ -362,9 +363,11 @@ def _curve_axes(labels: tuple[str, str], title: str) -> tuple[Figure, Axes]:
 
 
 def _line(i: int, points: int) -> dict[str, Any]:
-    marker = MARKERS[i % len(MARKERS)] if points <= MANY_POINTS else None
-    colour = COLOURS[i % len(COLOURS)]
-    return {"color": colour, "marker": marker, "markersize": 4, "clip_on": False, "zorder": 3}
+    """Style of the i-th curve, to be seen also where curves lie on one another."""
+    line = {"color": COLOURS[i % len(COLOURS)], "clip_on": False, "zorder": 3}
+    if points > MANY_POINTS:
+        return line | {"linestyle": DASHES[i % len(DASHES)]}
+    return line | {"marker": MARKERS[i % len(MARKERS)], "markersize": 4}
 
 
 def _legend(axes: Axes, curves: int) -> None:
