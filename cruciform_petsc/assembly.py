@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -31,9 +32,10 @@ class _Group:
     rotation: np.ndarray  # (., 4, 10) arm rotations
     area: np.ndarray  # (., 4)
     parts: dict[str, np.ndarray]  # mode -> (., m, m) on all element unknowns, hinge included
-    turn: np.ndarray | None  # (., k, k) node frames, kept unknowns
-    hinge_slot: np.ndarray | None  # arm whose node is the hinge, or -1
-    tail_load: np.ndarray | None  # (., m) loads on slaved tails
+    # Of cruciforms at the outline only:
+    turn: Any = None  # (., k, k) node frames, kept unknowns
+    hinge_slot: Any = None  # (.,) arm whose node is the hinge, or -1
+    tail_load: Any = None  # (., m) loads on slaved tails
 
 
 class LinearNetwork:
@@ -75,10 +77,12 @@ class LinearNetwork:
 
     @property
     def modes(self) -> tuple[str, ...]:
+        """Names of the modes of deformation there are."""
         return MODES if self.bending else MODES[:2]
 
     @property
     def num_unknowns_owned(self) -> int:
+        """Unknowns of this rank."""
         return self.unknowns_per_node * self.network.num_nodes_owned
 
     # -- elements -------------------------------------------------------------------------------
@@ -110,7 +114,7 @@ class LinearNetwork:
         strain, rotation = arm_rows(a, t)
         area = np.full((1, 4), 0.25 * network.pitch.prod())
         parts = self._parts(a, strain, rotation, area)
-        return _Group(np.flatnonzero(regular), strain, rotation, area, parts, None, None, None)
+        return _Group(np.flatnonzero(regular), strain, rotation, area, parts)
 
     def _boundary_group(self) -> _Group:
         network, supports = self.network, self.supports
@@ -179,7 +183,7 @@ class LinearNetwork:
         if modes not in self._condensed:
             pairs = []
             for group in self.groups:
-                total = sum(group.parts[mode] for mode in modes)
+                total = np.sum([group.parts[mode] for mode in modes], axis=0)
                 matrix, recovery = condense(total, 4 * self.unknowns_per_node)
                 if group.turn is not None:
                     matrix = group.turn @ matrix @ np.swapaxes(group.turn, 1, 2)
@@ -237,7 +241,7 @@ class LinearNetwork:
         return PETSc.Vec().createWithArray(values.copy(), comm=self.network.comm)
 
     def local(self, vector: PETSc.Vec) -> np.ndarray:
-        """Node values (n_local, d) of a solution: prescribed values in, ghosts filled. Collective."""
+        """Node values (n_local, d) of a solution, prescribed ones in, ghosts filled. Collective."""
         d = self.unknowns_per_node
         values = np.zeros((self.network.num_nodes_local, d))
         values[: self.network.num_nodes_owned] = vector.getArray(readonly=True).reshape(-1, d)
@@ -256,10 +260,7 @@ class LinearNetwork:
             self.groups, self._condense(tuple(modes or self.modes)), strict=True
         ):
             u = self._element_values(group, local)
-            if len(matrix) == 1:
-                f = u @ matrix[0]
-            else:
-                f = np.einsum("eij,ej->ei", matrix, u)
+            f = u @ matrix[0] if len(matrix) == 1 else np.einsum("eij,ej->ei", matrix, u)
             places = self._element_values(group, np.arange(local.size).reshape(shape))
             force += np.bincount(places.ravel(), weights=f.ravel(), minlength=local.size)
         force = force.reshape(shape)

@@ -223,10 +223,12 @@ class Network:
 
     @property
     def num_crossovers_owned(self) -> int:
+        """Crossovers of this rank."""
         return len(self.crossover_ij)
 
     @property
     def num_nodes_local(self) -> int:
+        """Nodes of this rank and its ghosts."""
         return len(self.node_key)
 
     @property
@@ -322,16 +324,15 @@ class Partition:
                       - np.bincount(end - low[0], minlength=high[0] - low[0] + 1))[:-1],
             np.bincount(line, weights=end - begin, minlength=high[1] - low[1]),
         ]
-        best = None
+        choices = []
         for axis in (1, 0):
             total = np.concatenate([[0], np.cumsum(counts[axis])])
             at = int(np.argmin(np.abs(total - share * total[-1])))
             # The yarns cut are about as many as crossovers stand in the row beside the cut.
             cost = counts[axis][min(at, len(counts[axis]) - 1)] if len(counts[axis]) else 0
             off = abs(total[at] - share * total[-1])
-            if best is None or off + cost < best[0]:
-                best = (off + cost, axis, at + int(low[axis]))
-        _, axis, at = best
+            choices.append((off + cost, axis, at + int(low[axis])))
+        _, axis, at = min(choices, key=lambda choice: choice[0])
         self._cuts[first, stop] = _Cut(axis, at, middle)
         left_high, right_low = high.copy(), low.copy()
         left_high[axis] = right_low[axis] = at
@@ -339,6 +340,7 @@ class Partition:
         self._split(yarns, right_low, high, middle, stop)
 
     def in_box(self, ij: np.ndarray, rank: int) -> np.ndarray:
+        """Whether lattice points (..., 2) lie in the box of a rank."""
         low, high = self.box[rank]
         return ((ij >= low) & (ij < high)).all(axis=-1)
 

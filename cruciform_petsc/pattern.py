@@ -66,7 +66,8 @@ class BlockPattern:
         d, pointer = self.block, self._block_pointer
         per_row = np.diff(pointer)
         rows = np.concatenate([[0], np.cumsum(np.repeat(per_row * d, d))])
-        # Entry (block b of row r, i, j) stands at d*d*pointer[r] + i*d*per_row[r] + d*(b - pointer[r]) + j.
+        # Entry (i, j) of block b in row r stands at
+        # d*d*pointer[r] + i*d*per_row[r] + d*(b - pointer[r]) + j.
         blocks = np.arange(self.num_blocks)
         r = np.repeat(np.arange(len(per_row)), per_row)
         base = d * d * pointer[r] + d * (blocks - pointer[r])

@@ -42,6 +42,7 @@ class Stages:
         self.log.info("%8.2f s  %s", self.seconds[name], what)
 
     def total(self) -> float:
+        """Seconds since the beginning."""
         return time.perf_counter() - self._begin
 
 
@@ -257,7 +258,7 @@ def _ladder(comm, case: Case, stages: Stages, result, membrane) -> list[dict]:
     Without yarn bending, which the membrane does not have, so that the difference can vanish.
     """
     rungs = []
-    for refine in case.continuum.ladder:
+    for refine in case.continuum.ladder or ():
         with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
             network = Network(comm, case.preform(refine=refine), case.fabric())
             rung = _experiment(

@@ -47,6 +47,7 @@ class Supports:
 
     @property
     def num_hanging(self) -> int:
+        """Crossovers of this rank that are left out of equilibrium."""
         return int((~self.carrying).sum())
 
 

@@ -45,7 +45,7 @@ def arm_rows(a, t, strain_source=None, rotation_source=None):
             row[:, k, 8:] = -inverse[:, k, None] * direction[:, k]
         if source is not None:
             taken = np.take_along_axis(row, np.maximum(source, 0)[..., None], axis=1)
-            row = np.where((source == HELD)[..., None], 0.0, taken)
+            row = np.asarray(np.where((source == HELD)[..., None], 0.0, taken))
         rows.append(row)
     return rows[0], rows[1]
 

@@ -164,7 +164,7 @@ class BiasExtension:
         load = 1.0
         modes = solve_separately(linear, load, self.options)
         total = None
-        extension, moved = 0.0, 0.0
+        extension, moved = 0.0, np.zeros((network.num_nodes_local, 2))
         for mode, solution in modes.items():
             fields = linear.crossover_fields(solution.displacement, mode)
             moved = moved + linear.node_displacement(solution.displacement, fields)
@@ -234,8 +234,8 @@ class BiasExtensionResult:
 
     def __repr__(self) -> str:
         return (
-            f"BiasExtensionResult({1e3 * self.extension:.4g} mm, {self.load:.4g} N, shear up to "
-            f"{np.rad2deg(self.shear_angle_max):.3g} deg, {self.network!r})"
+            f"BiasExtensionResult({1e3 * self.extension:.4g} mm, {self.load:.4g} N, "
+            f"{self.network!r})"
         )
 
     @property

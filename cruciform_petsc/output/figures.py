@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Which pictures a bias-extension run makes, from its result; see pictures for how they are drawn."""
+"""Which pictures a bias-extension run makes, from its result; pictures.py draws them."""
 
 from __future__ import annotations
 

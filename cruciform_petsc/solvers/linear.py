@@ -17,7 +17,7 @@ PREFIX = "cruciform_"
 # fill in little), and its memory stays below some 2 GiB.
 DIRECT_LIMIT = 400_000
 
-# Least energy of a motion, relative to that of the matrix diagonal, of a matrix that is not singular.
+# Least energy of a motion, over that of the matrix diagonal, of a matrix that is not singular.
 # Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
 SOFTEST = 1e-14
 
@@ -126,14 +126,14 @@ class LinearSolver:
         self.matrix = matrix
         extra = dict(extra or {})
         if options is None:
-            kinds = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
+            kinds: dict[str, dict] = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
             default = "cholesky" if matrix.getSize()[0] <= DIRECT_LIMIT else "mg"
             # What is asked for on the command line brings its own defaults, too.
             asked = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", default)))
             options = kinds.get(asked, ITERATIVE)
             if asked == "mg" and interpolations is None:
                 options = ITERATIVE
-        options = {**options, **extra}
+        options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
             vectors = [

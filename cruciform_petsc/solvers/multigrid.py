@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Multigrid that follows the yarns: PETSc's PCMG on lattices of twice, four times ... the pitch.
 
-The paper, after Torbe, calls the cruciform "a coarser representative grid than that formed by yarns".
-Here the coarse spaces are those grids: displacements along warp and weft on the points of a lattice
-of twice the pitch, interpolated bilinearly; yarn rotations are taken from the slope of the
+The paper, after Torbe, calls the cruciform "a coarser representative grid than that formed by
+yarns". Here the coarse spaces are those grids: displacements along warp and weft on the points of a
+lattice of twice the pitch, interpolated bilinearly; yarn rotations are taken from the slope of the
 interpolated displacement. Coarse matrices are Galerkin products. On every level the component along
 the warp is numbered along warp lines and the one along the weft along weft lines, so that the stiff
 couplings are neighbours and incomplete factorisations keep them.
 
-Without yarn bending a third component is kept: crossovers that turn to and fro in a chequerboard cost
-no energy, whatever the fine matrix's smoother does, and no smooth displacement resembles them.
+Without yarn bending a third component is kept: crossovers that turn to and fro in a chequerboard
+cost no energy, whatever the fine matrix's smoother does, and no smooth displacement resembles them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _STRONG = 0.25 - 1e-9
 class _Level:
     """Unknowns of one level that this rank owns, and what they are made of on the next.
 
-    Each is a combination of the next level's fields, (u_warp, u_weft, chequerboard) and their slopes
+    Each is a combination of the next level's fields (u_warp, u_weft, chequerboard) and slopes
     (d u_weft/d warp, d u_warp/d weft), interpolated at a point.
 
     Attributes
@@ -96,7 +96,7 @@ def _interpolation(linear: LinearNetwork, fine: _Level, step: int) -> tuple[PETS
     network, n = linear.network, len(fine.point)
     cell = np.floor(fine.point / step).astype(np.int64)
     share = fine.point / step - cell
-    rows, keys, weights, slope, corners, strong = [], [], [], [], [], []
+    parts: list[tuple[np.ndarray, ...]] = []
     for di in (0, 1):
         for dj in (0, 1):
             corner = cell + [di, dj]
@@ -108,15 +108,12 @@ def _interpolation(linear: LinearNetwork, fine: _Level, step: int) -> tuple[PETS
                 if c < 2:
                     turn = (d_weft if c == 0 else d_warp) * fine.slopes[:, 1 - c]
                 use = np.flatnonzero((value != 0) | (turn != 0))
-                rows.append(use)
-                keys.append(_pack(c, corner[use]))
-                weights.append((value + turn)[use])
-                slope.append((turn != 0)[use])
-                corners.append(corner[use])
-                strong.append((wi * wj)[use] >= _STRONG)
-    rows, keys, weights, slope, corners, strong = map(
-        np.concatenate, (rows, keys, weights, slope, corners, strong)
-    )
+                weight = wi * wj
+                parts.append(
+                    (use, _pack(c, corner[use]), (value + turn)[use], (turn != 0)[use],
+                     corner[use], weight[use] >= _STRONG)
+                )  # fmt: skip
+    rows, keys, weights, slope, corners, strong = map(np.concatenate, zip(*parts, strict=True))
     number, owned_key = _number(linear, keys, corners * step, strong)
     # Corners that nothing strong hangs on do not exist. Their weight goes to the others of the same
     # field, so that constants are kept.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The paper's procedure: one system for each mode of deformation, one after the other.
 
-Each of the three matrices is singular on its own (section 6 of the paper does not say what its Gauss
-elimination did about that). The rule here: each system gets the whole load and is solved in the
-range of its matrix, with the displacement of smallest norm. The part of the load that lies outside
+Each of the three matrices is singular on its own (section 6 of the paper does not say what its
+Gauss elimination did about that). The rule here: each gets the whole load and is solved in
+the range of its matrix, with the displacement of smallest norm. The part of the load that lies outside
 the range is what the mode cannot carry; it is reported, not hidden.
 """
 
@@ -86,7 +86,7 @@ def solve_separately(
 
 
 def _tie_matrix(linear: LinearNetwork) -> tuple[PETSc.Mat, int]:
-    """Matrix that gives all unknowns from the independent ones, and the number of the common one."""
+    """Matrix that gives all unknowns from the independent ones; number of the common one."""
     network, d = linear.network, linear.unknowns_per_node
     owned = network.num_nodes_owned
     number = network.node_number_global[:owned, None] * d + np.arange(d)

@@ -4,7 +4,6 @@
 from dataclasses import replace
 from math import radians
 
-import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
