@@ -2,8 +2,8 @@
 """Where the yarns of a lattice meet an outline: plain geometry, no ranks.
 
 Everything here is in *lattice coordinates*: crossover (i, j) lies at (i, j), warp yarn j runs
-along the first coordinate, weft yarn i along the second. The outline is a polygon with holes, given by its
-boundary segments. Memory and time grow with the length of the outline, not with its area: each
+along the first coordinate, weft yarn i along the second. The outline is a polygon with holes,
+given by its boundary segments. Memory and time grow with the length of the outline, not with its area: each
 rank can afford to know all of it.
 """
 

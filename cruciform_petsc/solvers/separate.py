@@ -3,7 +3,7 @@
 
 Each of the three matrices is singular on its own (section 6 of the paper does not say what its
 Gauss elimination did about that). The rule here: each gets the whole load and is solved in
-the range of its matrix, with the displacement of smallest norm. The part of the load that lies outside
+the range of its matrix, with the displacement of smallest norm. The part of the load outside
 the range is what the mode cannot carry; it is reported, not hidden.
 """
 
