@@ -376,7 +376,7 @@ FITTING = [
 
 
 def gradients(bending):
-    """Free tails without bending feel no shear traction at their ends: stretch and rotation only."""
+    """Without bending free tails feel no shear traction at their ends: stretch and rotation."""
     every = np.array([[[1, 0], [0, 0]], [[3, 2], [-2, -1]], [[3, 1], [-2, -1]]])
     return every if bending else every[:2]
 

@@ -107,6 +107,15 @@ def test_too_few_iterations(pc):
     assert f"cg with {pc} did not converge (DIVERGED_MAX_IT after 2 iterations" in str(caught.value)
 
 
+def test_not_quite_converged():
+    """Also a residual that looks good is a failure if it is not what was asked for."""
+    options = {**ITERATIVE, "ksp_rtol": 1e-13, "ksp_max_it": 14}
+    with pytest.raises(SolverError) as caught:
+        bias_extension(diagonals(4, 6, refine=2), True, options=options)
+    assert caught.value.reason == "DIVERGED_MAX_IT"
+    assert caught.value.history[-1] < 1e-4 * caught.value.history[0]
+
+
 def test_indefinite_matrix():
     """CG notices a direction of negative energy, and the check behind a direct solver does."""
     matrix = diagonal_matrix(-1.0, -2.0, 3.0)

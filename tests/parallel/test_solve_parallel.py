@@ -86,7 +86,8 @@ def loaded(comm, preform, fabric, bending):
     constraints = Constraints(Network(comm, preform, fabric), bending)
     constraints.clamp("lower", (1e-4, 2e-4))
     constraints.guide("right", (0.6, 0.8), 1e-4)
-    constraints.line_load("upper", (30.0, 100.0))
+    for edge in ("upper", "left", *(name for name in preform.edges if name.startswith("hole"))):
+        constraints.line_load(edge, (30.0, 100.0))
     return constraints
 
 
