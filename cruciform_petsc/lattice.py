@@ -107,8 +107,10 @@ def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
         sides.append((line[::2], where[::2], where[1::2]))
     line, start, end = (np.concatenate(part) for part in zip(*sides, strict=True))
     line, start, end = _union(line, start, end)
-    first = np.ceil(start - SNAP).astype(np.int64)
-    last = np.floor(end + SNAP).astype(np.int64)
+    # Both ends are snapped: a second tolerance here would let one family see crossovers that the
+    # other does not.
+    first = np.ceil(start).astype(np.int64)
+    last = np.floor(end).astype(np.int64)
     return YarnLines(line, start, end, first, last)
 
 

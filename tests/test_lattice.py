@@ -80,8 +80,8 @@ def check_lines(outline):
             here = yarns.line == line
             found = np.stack([yarns.start[here], yarns.end[here]], axis=1)
             np.testing.assert_allclose(found, parts, atol=NEAR)
-            np.testing.assert_array_equal(yarns.first[here], np.ceil(found[:, 0] - SNAP))
-            np.testing.assert_array_equal(yarns.last[here], np.floor(found[:, 1] + SNAP))
+            np.testing.assert_array_equal(yarns.first[here], np.ceil(found[:, 0]))
+            np.testing.assert_array_equal(yarns.last[here], np.floor(found[:, 1]))
 
 
 @pytest.mark.parametrize("seed", range(15))
@@ -132,6 +132,16 @@ def test_yarns_snap_to_the_lattice():
     nudge = 1e-9
     outline = shapely.box(nudge, -nudge, 3 - nudge, 2 + nudge)
     assert intervals(outline, 0) == [(0, 0, 3), (1, 0, 3), (2, 0, 3)]
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.0, 1.0000001, 1.1])
+def test_both_families_snap_alike(factor):
+    """Edges at about SNAP from a lattice line: it is there for both families or for neither."""
+    gap = factor * SNAP
+    segments = snapped(boundary_segments(shapely.box(-4 + gap, -2 + gap, 4 - gap, 2 - gap)))
+    warp, weft = yarn_lines(segments, 0), yarn_lines(segments, 1)
+    assert set(range(warp.first.min(), warp.last.max() + 1)) == set(weft.line.tolist())
+    assert set(range(weft.first.min(), weft.last.max() + 1)) == set(warp.line.tolist())
 
 
 def test_part_without_a_crossover():
