@@ -207,13 +207,15 @@ class LinearNetwork:
         """
         modes = modes or self.modes
         if self._pattern is None:
-            self._pattern = BlockPattern(self.network, self.unknowns_per_node)
+            self._pattern = BlockPattern(
+                self.network, [self.network.arm_node], self.unknowns_per_node
+            )
         blocks = self._pattern.empty_blocks()
         for group, (matrix, _) in zip(self.groups, self._condense(tuple(modes)), strict=True):
             free = self._element_values(group, self.free)
             masked = np.ones(len(free), bool)
             if group.turn is None:  # away from the outline few, if any, unknowns are not free
-                masked = ~free.all(axis=1)
+                masked[:] = ~free.all(axis=1)
                 self._pattern.add(blocks, group.rows[~masked], matrix)
             free = free[masked]
             matrix = matrix * free[:, :, None] * free[:, None, :]
@@ -430,7 +432,7 @@ class LinearNetwork:
         tell(tails)
 
         rounds = network.comm.allreduce(int(supports.round_.max(initial=0)), MPI.MAX)
-        known = supports.active[:, :2].any(axis=1) | self.constraints.fixed[:, :2].any(axis=1)
+        known: np.ndarray = (supports.active | self.constraints.fixed)[:, :2].any(axis=1)
         done = supports.carrying.copy()
         for number in range(rounds, 0, -1):
             # Rotation of the arms that end at each node, where a crossover there is known.

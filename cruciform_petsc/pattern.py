@@ -10,32 +10,58 @@ A worked example: two cruciforms with nodes (0 1 2 3) and (4 5 0 6) on one rank 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from .network import Network
+from .exchange import GhostExchange
+
+
+class Nodes(Protocol):
+    """What a pattern must know of nodes that are dealt out over ranks: a Network's, for example."""
+
+    comm: MPI.Intracomm
+    exchange: GhostExchange
+    num_nodes_owned: int
+    num_nodes_global: int
+    node_offset: int
+    node_number_global: np.ndarray
 
 
 class BlockPattern:
-    """Pattern of a matrix over the nodes of a network, d unknowns each. Collective.
+    """Pattern of a matrix over distributed nodes, d unknowns each. Collective.
 
     Parameters
     ----------
-    network : Network
+    nodes : Network or other Nodes
+    connectivities : sequence of int (m, k) arrays
+        Local nodes of the elements, one array for each kind of element.
     block : int
         Unknowns per node, d.
+
+    Attributes
+    ----------
+    slots : list of int32 (m, k, k)
+        Place in the array of blocks of each element's pairs of nodes, for each connectivity.
+    diagonal : int (n_owned,)
+        Places of the blocks of owned nodes with themselves.
     """
 
-    def __init__(self, network: Network, block: int):
-        self.network, self.block = network, block
-        comm, exchange = network.comm, network.exchange
-        nodes, owned = network.arm_node, network.num_nodes_owned
-        span = np.int64(network.num_nodes_global)
-        number = network.node_number_global
-        # Every node has its own block, also if no cruciform of this rank uses it.
-        pairs = nodes[:, :, None].astype(np.int64) * span + number[nodes][:, None, :]
+    def __init__(self, nodes: Nodes, connectivities: Sequence[np.ndarray], block: int):
+        self.nodes, self.block = nodes, block
+        comm, exchange, owned = nodes.comm, nodes.exchange, nodes.num_nodes_owned
+        span = np.int64(nodes.num_nodes_global)
+        number = nodes.node_number_global
+        # Every node has its own block, also if no element of this rank uses it.
+        pairs = [
+            part[:, :, None].astype(np.int64) * span + number[part][:, None, :]
+            for part in connectivities
+        ]
         own = np.arange(owned, dtype=np.int64) * span + number[:owned]
-        key = np.unique(np.concatenate([pairs.ravel(), own]))
+        key = np.unique(np.concatenate([*(part.ravel() for part in pairs), own]))
         # Rows of ghosts come last; what they hold goes to their owners.
         split = np.searchsorted(key, owned * span)
         ghost_row = (key[split:] // span).astype(np.int64)
@@ -44,7 +70,7 @@ class BlockPattern:
         out = np.ascontiguousarray(np.stack([row_key, key[split:][order] % span], axis=1))
         self._receive_count = exchange.counts(self._send_count)
         received = exchange.alltoall(out, self._send_count, self._receive_count)
-        extra = (received[:, 0] - network.node_offset) * span + received[:, 1]
+        extra = (received[:, 0] - nodes.node_offset) * span + received[:, 1]
         owned_key = np.union1d(key[:split], extra)
         self._receive_slot = np.searchsorted(owned_key, extra)
         self._num_ghost_blocks = len(key) - split
@@ -52,10 +78,10 @@ class BlockPattern:
         self.num_blocks = len(owned_key)
         self._block_pointer = np.searchsorted(row, np.arange(owned + 1))
 
-        slot = np.searchsorted(key, pairs)
         in_owned = np.searchsorted(owned_key, key[:split])
         ghost = self.num_blocks + np.arange(self._num_ghost_blocks)
-        self.slot = np.concatenate([in_owned, ghost])[slot].astype(np.int32)
+        place = np.concatenate([in_owned, ghost]).astype(np.int32)
+        self.slots = [place[np.searchsorted(key, part)] for part in pairs]
         self.diagonal = np.searchsorted(owned_key, own)
         self._send_slot += self.num_blocks - split
         self.comm = comm
@@ -86,12 +112,15 @@ class BlockPattern:
         return np.zeros((self.num_blocks + self._num_ghost_blocks, d, d))
 
     def add(self, blocks: np.ndarray, rows: np.ndarray, matrices: np.ndarray) -> None:
-        """Add element matrices (m or 1, 4 d, 4 d) of the owned crossovers ``rows``, in place."""
+        """Add matrices (m or 1, k d, k d) of elements ``rows`` of the first kind, in place.
+
+        No two of these elements may meet in the same block with the same place (p, q), as is so
+        for cruciforms on their four arm ends.
+        """
         d = self.block
-        slot = self.slot[rows]
-        for p in range(4):
-            for q in range(4):
-                # For fixed (p, q) no two cruciforms meet in one block, so this adds each once.
+        slot = self.slots[0][rows]
+        for p in range(slot.shape[1]):
+            for q in range(slot.shape[1]):
                 part = matrices[:, d * p : d * p + d, d * q : d * q + d]
                 blocks[slot[:, p, q]] += part
 
@@ -100,14 +129,14 @@ class BlockPattern:
 
         With ``reuse`` (a matrix made here before) only its values change.
         """
-        received = self.network.exchange.alltoall(
+        received = self.nodes.exchange.alltoall(
             blocks[self._send_slot], self._send_count, self._receive_count
         )
         np.add.at(blocks, self._receive_slot, received)
         values = np.empty(self.num_blocks * self.block**2)
         values[self._place.ravel()] = blocks[: self.num_blocks].ravel()
         if reuse is None:
-            local = self.block * self.network.num_nodes_owned
+            local = self.block * self.nodes.num_nodes_owned
             reuse = PETSc.Mat().create(comm=self.comm)
             reuse.setSizes(((local, None), (local, None)))
             reuse.setBlockSize(self.block)

@@ -65,12 +65,15 @@ def find_supports(constraints: Constraints) -> Supports:
       quadrants beside a free edge. At a free corner these are all quadrants, and the crossover is
       left out, with yarn bending too. Where the corner is the end of a clamp, just the half of the
       other yarn that ends on the clamp is held by it, then.
+    - Crossovers in an acute corner that no yarn joins to the rest, one or a few in a row without a
+      mesh between them, fall out of the cloth: they are left out.
 
     Raises InputError on every rank if a part of the network hangs on no clamp.
     """
     network, bending = constraints.network, constraints.bending
     carrying, round_, joined = _leave_out_hanging(constraints)
-    _check_held(constraints, carrying)
+    scrap = _check_held(constraints, carrying)
+    carrying[scrap], round_[scrap] = False, 1
 
     boundary = network.boundary_crossovers
     nodes = network.arm_node[boundary]
@@ -133,8 +136,14 @@ def _leave_out_hanging(constraints: Constraints):
         round_[hanging] = number
 
 
-def _check_held(constraints: Constraints, carrying: np.ndarray) -> None:
-    """Raise if a connected part of the network has fewer than three prescribed unknowns."""
+def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
+    """Raise if a connected part of the network has fewer than three prescribed unknowns.
+
+    Returns
+    -------
+    int (n,)
+        Crossovers of parts that are not held, but have no closed mesh either.
+    """
     network = constraints.network
     nodes = network.arm_node[carrying]
     n, m = network.num_nodes_local, len(nodes)
@@ -152,26 +161,39 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> None:
         network.exchange.forward(network.exchange.reverse(label, np.minimum))
         if not network.comm.allreduce(int((label != before).any())):
             break
-    owned = network.num_nodes_owned
-    used = np.zeros(n, bool)
-    used[nodes.ravel()] = True
-    network.exchange.reverse(used, np.logical_or)
-    labels, inverse = np.unique(label[:owned][used[:owned]], return_inverse=True)
-    known = constraints.fixed[:owned][used[:owned]].sum(axis=1)
-    counts = np.bincount(inverse, weights=known, minlength=len(labels))
-    sizes = np.bincount(inverse, minlength=len(labels))
+    users = np.zeros(n, np.int32)
+    np.add.at(users, nodes.ravel(), 1)
+    joint = np.zeros(n, bool)
+    joint[nodes[network.arm_is_shared[carrying]]] = True
+    network.exchange.reverse(users)
+    network.exchange.reverse(joint, np.logical_or)
+    of_crossover = label[nodes[:, 0]]
+    owned = np.flatnonzero(users[: network.num_nodes_owned])
+    labels = np.unique(np.concatenate([label[owned], of_crossover]))
+    at, at_crossover = np.searchsorted(labels, label[owned]), np.searchsorted(labels, of_crossover)
+    size = len(labels)
+    # For each part: prescribed unknowns, arm ends, crossovers, joints between them.
+    counts = np.stack([
+        np.bincount(at, constraints.fixed[owned].sum(axis=1), size),
+        np.bincount(at, minlength=size),
+        np.bincount(at_crossover, minlength=size),
+        np.bincount(at, joint[owned] & (users[owned] == 2), size),
+    ], axis=1)  # fmt: skip
     total: dict[int, np.ndarray] = {}
-    for part in network.comm.allgather(list(zip(labels, counts, sizes, strict=True))):
-        for name, known_here, size in part:
-            total[name] = total.get(name, 0) + np.array([known_here, size])
+    for part in network.comm.allgather(list(zip(labels, counts, strict=True))):
+        for name, here in part:
+            total[name] = total.get(name, 0) + here
     if not total:
         raise InputError(
             "nothing carries load: without yarn bending every crossover turns freely; switch "
             "bending on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
         )
-    loose = [int(size) for known_total, size in total.values() if known_total < 3]
-    if loose:
+    loose = {name: part for name, part in total.items() if part[0] < 3}
+    scrap = [name for name, part in loose.items() if part[3] == part[2] - 1]
+    if len(loose) == len(total) or len(scrap) < len(loose):
+        ends = int(max(part[1] for part in loose.values()))
         raise InputError(
-            f"{'the body' if len(total) == 1 else f'a part of {max(loose)} arm ends'} can float: "
+            f"{'the body' if len(total) == 1 else f'a part of {ends} arm ends'} can float: "
             "no clamp holds it; clamp an edge that its yarns reach"
         )
+    return np.flatnonzero(carrying)[np.isin(of_crossover, scrap)]

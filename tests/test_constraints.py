@@ -435,6 +435,27 @@ def test_hanging_crossovers_go_in_rounds():
     assert find_supports(bent).carrying.all()
 
 
+@pytest.mark.parametrize("bending", [False, True])
+def test_scraps_in_an_acute_corner(bending):
+    """A crossover that no yarn joins to the rest falls out of the cloth; the rest is solved."""
+    points = np.array([(-3, 0), (3, 0), (6, 10)]) * PITCH
+    preform = Preform.polygon(points.tolist(), [], 0.0, origin=(0.3 * PITCH, 0.4 * PITCH))
+    constraints = constrained(preform, bending)
+    constraints.clamp("lower")
+    supports, network = find_supports(constraints), constraints.network
+    place = network.crossover_position[~supports.carrying] / PITCH
+    scrap = np.flatnonzero(~supports.carrying)[np.hypot(*(place - [5.3, 8.4]).T) < 1e-9]
+    assert len(scrap) == 1
+    assert not network.arm_is_shared[scrap].any()
+    assert not supports.active[network.arm_node[scrap]].any()
+    if bending:
+        assert len(place) == 1
+        # Nothing but scrap: a body that can float.
+        lonely = constrained(Preform.rectangle(1.4 * PITCH, 1.4 * PITCH, 0.0), True)
+        with pytest.raises(InputError, match="the body can float"):
+            find_supports(lonely)
+
+
 def test_floating_network_has_no_held_arm():
     """What the other tests use to look at all motions at once."""
     model = floating(Network(MPI.COMM_SELF, diagonals(4, 6), TABLE_1), bending=True)

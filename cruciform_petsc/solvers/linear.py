@@ -19,7 +19,7 @@ DIRECT_LIMIT = 400_000
 
 # Least energy of a motion, over that of the matrix diagonal, of a matrix that is not singular.
 # Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
-SOFTEST = 1e-14
+SOFTEST = 1e-13
 
 DIRECT = {
     "ksp_type": "preonly",
