@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT
+"""Scalar laws as energy densities w(x): what shear and tension follow at finite deformation.
+
+A law is a few numbers, of which the first names its kind, so that compiled kernels can take any of
+them. `evaluate_law` is the one place where laws are worked out; `Potential` is its NumPy face.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from .errors import InputError
+
+LINEAR, POLYNOMIAL, SIN_POWERS, TABLE = 0.0, 1.0, 2.0, 3.0
+
+
+@numba.njit(cache=True)
+def evaluate_law(data: np.ndarray, x: float) -> tuple[float, float, float]:
+    """Energy density, its first and its second derivative at x.
+
+    ``data`` is Potential.packed:
+
+    - 0, k:                       w = k x^2/2
+    - 1, n, k_1 ... k_n:          w' = k_1 x + k_2 x^3 + ... + k_n x^(2n - 1)
+    - 2, n, k_1 ... k_n:          w = k_1 sin^2 x + ... + k_n sin^(2n) x
+    - 3, n, then n + 1 knots x_0 = 0 ... x_n, n + 1 energies, and (c_0, c_1, c_2, c_3) of each of the
+      n pieces of w' = c_0 + c_1 t + c_2 t^2 + c_3 t^3, t = |x| - x_i; odd in x, and beyond the last
+      knot straight on with the slope there.
+    """
+    kind = data[0]
+    if kind == 0.0:
+        k = data[1]
+        return 0.5 * k * x * x, k * x, k
+    n = int(data[1])
+    w, d, dd = 0.0, 0.0, 0.0
+    if kind == 1.0:
+        power = 1.0  # x^(2i)
+        for i in range(n):
+            k = data[2 + i]
+            w += k * power * x * x / (2 * i + 2)
+            d += k * power * x
+            dd += k * power * (2 * i + 1)
+            power *= x * x
+        return w, d, dd
+    if kind == 2.0:
+        s, c = np.sin(x), np.cos(x)
+        power = 1.0  # s^(2i)
+        for i in range(n):
+            m, k = 2 * i + 2, data[2 + i]
+            w += k * power * s * s
+            d += k * m * power * s * c
+            dd += k * m * power * ((m - 1) * c * c - s * s)
+            power *= s * s
+        return w, d, dd
+    size = abs(x)
+    low, high = 0, n  # the piece: knot[low] <= |x| < knot[low + 1]
+    while high - low > 1:
+        middle = (low + high) // 2
+        if data[2 + middle] <= size:
+            low = middle
+        else:
+            high = middle
+    t = size - data[2 + low]
+    last = data[2 + n] - data[2 + low]
+    at = 2 + 2 * (n + 1) + 4 * low
+    over = 0.0
+    if t > last:
+        over, t = t - last, last
+    c0, c1, c2, c3 = data[at], data[at + 1], data[at + 2], data[at + 3]
+    d = c0 + t * (c1 + t * (c2 + t * c3))
+    dd = c1 + t * (2 * c2 + 3 * t * c3)
+    w = data[3 + n + low] + t * (c0 + t * (c1 / 2 + t * (c2 / 3 + t * c3 / 4)))
+    w += over * (d + 0.5 * over * dd)
+    d += over * dd
+    return w, d if x >= 0.0 else -d, dd
+
+
+@numba.njit(cache=True)
+def _evaluate_all(data: np.ndarray, x: np.ndarray) -> np.ndarray:
+    result = np.empty((3, len(x)))
+    for i in range(len(x)):
+        result[0, i], result[1, i], result[2, i] = evaluate_law(data, x[i])
+    return result
+
+
+@dataclass(frozen=True)
+class Potential:
+    """An energy density w(x) with w(0) = w'(0) = 0, even in x; made by the functions below.
+
+    Attributes
+    ----------
+    data : tuple of float
+        See evaluate_law.
+    """
+
+    data: tuple[float, ...]
+
+    @property
+    def packed(self) -> np.ndarray:
+        """``data`` as an array, for kernels; float (n,)."""
+        return np.array(self.data)
+
+    def evaluate(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """w, w' and w'' at x, each an array of the shape of x."""
+        x = np.asarray(x, float)
+        result = _evaluate_all(self.packed, x.ravel()).reshape(3, *x.shape)
+        return result[0], result[1], result[2]
+
+    @property
+    def stiffness0(self) -> float:
+        """w''(0): the modulus of small deformations."""
+        return float(self.evaluate(0.0)[2])
+
+    @property
+    def last_point(self) -> float:
+        """Where a table ends and the law goes on straight; infinite for formulas."""
+        return self.data[2 + int(self.data[1])] if self.data[0] == TABLE else np.inf
+
+
+def linear(stiffness: float) -> Potential:
+    """w' = stiffness x."""
+    return Potential((LINEAR, float(stiffness)))
+
+
+def odd_polynomial(coefficients: Sequence[float]) -> Potential:
+    """w' = k_1 x + k_2 x^3 + k_3 x^5 + ..."""
+    return _listed(POLYNOMIAL, coefficients)
+
+
+def sin_powers(coefficients: Sequence[float]) -> Potential:
+    """w = sum of k_i sin(x)^(2 i), the shear potential of the pantographic-lattice literature."""
+    return _listed(SIN_POWERS, coefficients)
+
+
+def _listed(kind: float, coefficients: Sequence[float]) -> Potential:
+    numbers = [float(value) for value in coefficients]
+    if not numbers or not np.isfinite(numbers).all():
+        raise InputError("a law needs at least one coefficient, all of them finite")
+    return Potential((kind, float(len(numbers)), *numbers))
+
+
+def table(x: Sequence[float], y: Sequence[float]) -> Potential:
+    """w' through points (x, y) and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
+
+    Odd in x. Beyond the last point it goes straight on with the slope there.
+
+    Parameters
+    ----------
+    x, y : float (n,)
+        x ascending from zero or above; y at x = 0, if given, is 0.
+
+    Raises
+    ------
+    InputError
+        x does not ascend, a point is not finite, or y(0) is not zero.
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    points = np.array([x, y], float)
+    if points.ndim != 2 or points.shape[1] == 0 or not np.isfinite(points).all():
+        raise InputError("a law's table needs points, all of them finite")
+    if points[0, 0] != 0.0:
+        points = np.concatenate([np.zeros((2, 1)), points], axis=1)
+    if points[1, 0] != 0.0:
+        raise InputError(f"a law's table must be zero at zero, got {points[1, 0]:g}")
+    if points.shape[1] < 2 or not (np.diff(points[0]) > 0).all():
+        raise InputError("a law's table needs ascending, positive values in its first column")
+    if points.shape[1] == 2:  # a straight line
+        slope = points[1, 1] / points[0, 1]
+        cubic = np.array([[0.0], [0.0], [slope], [0.0]])
+    else:
+        # Odd: interpolated through the mirrored points, too, so that it is smooth at zero.
+        mirrored = np.concatenate([-points[:, :0:-1], points], axis=1)
+        cubic = PchipInterpolator(*mirrored).c[:, len(points[0]) - 1 :]
+    c = cubic[::-1]  # ascending powers
+    step = np.diff(points[0])
+    piece = step * (c[0] + step * (c[1] / 2 + step * (c[2] / 3 + step * c[3] / 4)))
+    energy = np.concatenate([[0.0], np.cumsum(piece)])
+    n = len(step)
+    return Potential((TABLE, float(n), *points[0].tolist(), *energy.tolist(), *c.T.ravel().tolist()))
