@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: MIT
+"""Finite deformation of cruciforms and of yarns that bend: energy, force and exact stiffness.
+
+Compiled kernels, in the plane and in space from one source. Positions come in, element by element;
+energies, their gradients and their second derivatives go out. Nothing is small here but the step.
+
+Cruciform, points 1 to 4 the arm ends and 5 the hinge (docs/formulation.md, "Finite deformation"):
+
+    W = sum over quadrants ij of A_ij [ Phi_w(e_i) + Phi_e(e_j) + c12 e_i e_j + psi(gamma_ij) ]
+    e = p(s),  s = lambda - 1 or ln lambda,  lambda = |x_i - x_0| / a_i
+    gamma_ij = s_ij (90 deg - angle(t_i, t_j)),  s_ij = +1, -1, +1, -1 around the hinge
+
+Turn of a yarn at a point between two straight pieces d_1, d_2 (Hencky's bar-chain):
+
+    W = B kappa^2 l / 2,  kappa = 2 tan(theta / 2) / l
+
+with theta the angle from d_1 to d_2 and l the mean of the two rest lengths. In space kappa is a vector,
+2 d_1 x d_2 / (|d_1| |d_2| + d_1 . d_2) / l; its part along the cloth's normal is bending in the
+tangent plane and has one rigidity, the rest (bending out of it) another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numba
+import numpy as np
+
+from ..lattice import QUADRANTS
+from ..potential import evaluate_law
+from .kinematics import HELD
+
+_WARP_ARM = tuple(int(i) for i in QUADRANTS[:, 0])
+_WEFT_ARM = tuple(int(j) for j in QUADRANTS[:, 1])
+_SIGN = (1.0, -1.0, 1.0, -1.0)
+HINGE = 4  # number of the hinge among the points of a cruciform
+RIGHT_ANGLE = 0.5 * np.pi
+
+ENERGY, FORCE, STIFFNESS = 0, 1, 2  # how much a kernel works out
+
+
+@dataclass(frozen=True)
+class Cloth:
+    """What the kernels need to know of a fabric.
+
+    Attributes
+    ----------
+    warp, weft, shear : float arrays
+        Laws, Potential.packed.
+    c12 : float
+        N/m.
+    log_strain : bool
+    compression : float
+        Stiffness in compression over that in tension.
+    compression_width : float
+        Strain over which it changes.
+    """
+
+    warp: np.ndarray
+    weft: np.ndarray
+    shear: np.ndarray
+    c12: float
+    log_strain: bool = False
+    compression: float = 1.0
+    compression_width: float = 1e-4
+
+
+@numba.njit(cache=True, error_model="numpy")
+def effective_strain(stretch, log_strain, slope, width):
+    """e = p(s(stretch)) and its first and second derivative with respect to the stretch.
+
+    p(s) = s in tension; r s + (1 - r) d (exp(s/d) - 1) in compression, ``slope`` r, ``width`` d:
+    the slope falls smoothly from 1 to r, and so the stiffness from 1 to r^2 of its value.
+    """
+    if log_strain:
+        s, s1, s2 = np.log(stretch), 1.0 / stretch, -1.0 / stretch**2
+    else:
+        s, s1, s2 = stretch - 1.0, 1.0, 0.0
+    if s >= 0.0 or slope == 1.0:
+        return s, s1, s2
+    fall = np.exp(s / width)
+    p1 = slope + (1.0 - slope) * fall
+    p2 = (1.0 - slope) * fall / width
+    p = slope * s + (1.0 - slope) * width * (fall - 1.0)
+    return p, p1 * s1, p2 * s1 * s1 + p1 * s2
+
+
+@lru_cache(maxsize=2)
+def _cruciform_kernel(dim: int) -> Callable[..., None]:
+    """Compile the cruciform for positions in ``dim`` dimensions."""
+    warp_arm, weft_arm, signs, held_source = _WARP_ARM, _WEFT_ARM, _SIGN, int(HELD)
+
+    @numba.njit(cache=True, error_model="numpy")
+    def kernel(
+        x, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain, slope,
+        width, level, energy, force, stiffness,
+    ):  # fmt: skip
+        t, inverse = np.zeros((4, dim)), np.zeros(4)
+        e, e1, e2 = np.zeros(4), np.zeros(4), np.zeros(4)
+        w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
+        pull, pull_slope = np.zeros(4), np.zeros((4, 4))  # dW/de, d2W/de de
+        g, k = np.zeros((4, dim)), np.zeros((4, 4, dim, dim))  # on the arms as vectors
+        ti, tj, pi, pj = np.zeros(dim), np.zeros(dim), np.zeros(dim), np.zeros(dim)
+        for n in range(x.shape[0]):
+            for arm in range(4):
+                inverse[arm] = e[arm] = w[arm] = w1[arm] = w2[arm] = pull[arm] = 0.0
+                for i in range(dim):
+                    t[arm, i] = g[arm, i] = 0.0
+                if a[n, arm] > 0.0:
+                    length = 0.0
+                    for i in range(dim):
+                        t[arm, i] = x[n, arm, i] - x[n, 4, i]
+                        length += t[arm, i] * t[arm, i]
+                    length = np.sqrt(length)
+                    inverse[arm] = 1.0 / length
+                    for i in range(dim):
+                        t[arm, i] *= inverse[arm]
+                    b = 1.0 / a[n, arm]
+                    p, p1, p2 = effective_strain(length * b, log_strain, slope, width)
+                    e[arm], e1[arm], e2[arm] = p, p1 * b, p2 * b * b
+                    if arm % 2 == 0:
+                        w[arm], w1[arm], w2[arm] = evaluate_law(warp, p)
+                    else:
+                        w[arm], w1[arm], w2[arm] = evaluate_law(weft, p)
+            if level == 2:
+                for p_ in range(4):
+                    for q_ in range(4):
+                        pull_slope[p_, q_] = 0.0
+                        for i in range(dim):
+                            for j in range(dim):
+                                k[p_, q_, i, j] = 0.0
+            stretching, shearing = 0.0, 0.0
+            for quadrant in range(4):
+                part = area[n, quadrant]
+                if part == 0.0:
+                    continue
+                i_arm, j_arm = warp_arm[quadrant], weft_arm[quadrant]
+                # Tension of the two arms, or of those whose strain they take.
+                si, sj = strain_source[n, i_arm], strain_source[n, j_arm]
+                ei, ej = 0.0, 0.0
+                if si != held_source:
+                    ei = e[si]
+                    stretching += part * w[si]
+                    pull[si] += part * w1[si]
+                    pull_slope[si, si] += part * w2[si]
+                if sj != held_source:
+                    ej = e[sj]
+                    stretching += part * w[sj]
+                    pull[sj] += part * w1[sj]
+                    pull_slope[sj, sj] += part * w2[sj]
+                    pull[sj] += part * c12 * ei
+                if si != held_source:
+                    pull[si] += part * c12 * ej
+                    if sj != held_source:
+                        stretching += part * c12 * ei * ej
+                        pull_slope[si, sj] += part * c12
+                        pull_slope[sj, si] += part * c12
+                # Shear between the directions of the two arms, or of those they take theirs from.
+                ri, rj = turn_source[n, i_arm], turn_source[n, j_arm]
+                sign_i, sign_j = 1.0, 1.0
+                if ri != held_source and ri != i_arm:
+                    sign_i = -1.0
+                if rj != held_source and rj != j_arm:
+                    sign_j = -1.0
+                c = 0.0
+                for i in range(dim):
+                    ti[i] = held[n, i_arm, i] if ri == held_source else sign_i * t[ri, i]
+                    tj[i] = held[n, j_arm, i] if rj == held_source else sign_j * t[rj, i]
+                    c += ti[i] * tj[i]
+                c = min(1.0, max(-1.0, c))
+                sine = max(np.sqrt(1.0 - c * c), 1e-12)
+                angle = np.arctan2(sine, c)
+                s = signs[quadrant]
+                psi, psi1, psi2 = evaluate_law(shear, s * (0.5 * np.pi - angle))
+                shearing += part * psi
+                if level == 0:
+                    continue
+                slope_angle, curve_angle = -s * part * psi1, part * psi2
+                hi = 0.0 if ri == held_source else inverse[ri] * sign_i
+                hj = 0.0 if rj == held_source else inverse[rj] * sign_j
+                for i in range(dim):
+                    # Unit vectors across each direction towards the other: d angle/d t_i = -p_i.
+                    pi[i] = (tj[i] - c * ti[i]) / sine
+                    pj[i] = (ti[i] - c * tj[i]) / sine
+                    if ri != held_source:
+                        g[ri, i] -= slope_angle * hi * pi[i]
+                    if rj != held_source:
+                        g[rj, i] -= slope_angle * hj * pj[i]
+                if level == 1:
+                    continue
+                cot = c / sine
+                for i in range(dim):
+                    for j in range(dim):
+                        out = 0.0  # across the plane of both directions; nothing in the plane
+                        if dim == 3:
+                            out = -ti[i] * ti[j] - pi[i] * pi[j]
+                            if i == j:
+                                out += 1.0
+                        if ri != held_source:
+                            k[ri, ri, i, j] += hi * hi * (
+                                curve_angle * pi[i] * pi[j]
+                                + slope_angle * (ti[i] * pi[j] + pi[i] * ti[j] + cot * out)
+                            )
+                        if rj != held_source:
+                            k[rj, rj, i, j] += hj * hj * (
+                                curve_angle * pj[i] * pj[j]
+                                + slope_angle * (tj[i] * pj[j] + pj[i] * tj[j] + cot * out)
+                            )
+                            if ri != held_source:
+                                mixed = hi * hj * (
+                                    curve_angle * pi[i] * pj[j] - slope_angle * out / sine
+                                )
+                                k[ri, rj, i, j] += mixed
+                                k[rj, ri, j, i] += mixed
+            energy[n, 0], energy[n, 1] = stretching, shearing
+            if level == 0:
+                continue
+            for i in range(dim):
+                force[n, 4, i] = 0.0
+                for arm in range(4):
+                    force[n, arm, i] = g[arm, i] + pull[arm] * e1[arm] * t[arm, i]
+                    force[n, 4, i] -= force[n, arm, i]
+            if level == 1:
+                continue
+            for arm in range(4):
+                if inverse[arm] == 0.0:
+                    continue
+                across = pull[arm] * e1[arm] * inverse[arm]
+                along = pull[arm] * e2[arm] - across
+                for i in range(dim):
+                    k[arm, arm, i, i] += across
+                    for j in range(dim):
+                        k[arm, arm, i, j] += along * t[arm, i] * t[arm, j]
+            for p_ in range(4):
+                for q_ in range(4):
+                    h = pull_slope[p_, q_] * e1[p_] * e1[q_]
+                    for i in range(dim):
+                        for j in range(dim):
+                            k[p_, q_, i, j] += h * t[p_, i] * t[q_, j]
+            for i in range(dim):
+                for j in range(dim):
+                    total = 0.0
+                    for p_ in range(4):
+                        row, column = 0.0, 0.0
+                        for q_ in range(4):
+                            stiffness[n, p_, i, q_, j] = k[p_, q_, i, j]
+                            row += k[p_, q_, i, j]
+                            column += k[q_, p_, i, j]
+                        stiffness[n, p_, i, 4, j] = -row
+                        stiffness[n, 4, i, p_, j] = -column
+                        total += row
+                    stiffness[n, 4, i, 4, j] = total
+
+    return kernel
+
+
+def cruciforms(
+    x, a, area, cloth: Cloth, level: int = STIFFNESS, strain_source=None, turn_source=None,
+    held=None, out=None,
+):  # fmt: skip
+    """Energy, force and stiffness of cruciforms.
+
+    Parameters
+    ----------
+    x : float (n, 5, dim)
+        Positions of the arm ends 1 to 4 and of the hinge, dim 2 or 3, metres.
+    a : float (n, 4)
+        Rest lengths of the arms, metres; 0 for a missing one (its point is not looked at).
+    area : float (n, 4)
+        Of the quadrants, in the order of lattice.QUADRANTS, square metres.
+    cloth : Cloth
+    level : int
+        ENERGY, FORCE or STIFFNESS.
+    strain_source, turn_source : int (n, 4), optional
+        Arm whose strain, and whose direction (reversed), an arm takes; HELD for no strain, and for
+        the direction in ``held``. By default its own.
+    held : float (n, 4, dim), optional
+        Unit vectors.
+    out : tuple of arrays, optional
+        Where to put the results.
+
+    Returns
+    -------
+    energy : float (n, 2), J, of tension and of shear
+    force : float (n, 5, dim), N, the gradient of their sum
+    stiffness : float (n, 5, dim, 5, dim), N/m, the gradient of force
+    """
+    n, _, dim = x.shape
+    own = np.broadcast_to(np.arange(4), (n, 4))
+    if out is None:
+        out = _room(n, 2, 5, dim, level)
+    _cruciform_kernel(dim)(
+        x, a, area,
+        np.ascontiguousarray(own if strain_source is None else strain_source, np.int64),
+        np.ascontiguousarray(own if turn_source is None else turn_source, np.int64),
+        np.zeros((n, 4, dim)) if held is None else held,
+        cloth.warp, cloth.weft, cloth.shear, cloth.c12, cloth.log_strain,
+        np.sqrt(cloth.compression), cloth.compression_width, level, *out,
+    )  # fmt: skip
+    return out
+
+
+def _room(n: int, parts: int, points: int, dim: int, level: int):
+    """Arrays for the results; those not asked for have no rows."""
+    force = n if level >= FORCE else 0
+    matrices = n if level >= STIFFNESS else 0
+    return (
+        np.empty((n, parts)),
+        np.empty((force, points, dim)),
+        np.empty((matrices, points, dim, points, dim)),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turns_in_plane(x, length, rigidity, level, energy, force, stiffness):
+    g = np.zeros((2, 2))  # of b, on (d_1, d_2)
+    h = np.zeros((2, 2, 2, 2))
+    dq = np.zeros((2, 2))
+    dn = np.zeros((2, 2))
+    t = np.zeros((2, 2))
+    d = np.zeros((2, 2))
+    for m in range(x.shape[0]):
+        size = np.zeros(2)
+        for p in range(2):
+            for i in range(2):
+                d[p, i] = x[m, p + 1, i] - x[m, p, i]
+            size[p] = np.sqrt(d[p, 0] ** 2 + d[p, 1] ** 2)
+            for i in range(2):
+                t[p, i] = d[p, i] / size[p]
+        # b = 2 tan(theta/2) = 2 N / q, N = d_1 x d_2, q = |d_1| |d_2| + d_1 . d_2
+        number = d[0, 0] * d[1, 1] - d[0, 1] * d[1, 0]
+        q = size[0] * size[1] + d[0, 0] * d[1, 0] + d[0, 1] * d[1, 1]
+        b = 2.0 * number / q
+        factor = rigidity[m] / length[m]
+        energy[m, 0] = 0.5 * factor * b * b
+        if level == 0:
+            continue
+        dn[0, 0], dn[0, 1], dn[1, 0], dn[1, 1] = d[1, 1], -d[1, 0], -d[0, 1], d[0, 0]
+        for p in range(2):
+            for i in range(2):
+                dq[p, i] = t[p, i] * size[1 - p] + d[1 - p, i]
+                g[p, i] = (2.0 * dn[p, i] - b * dq[p, i]) / q
+        for i in range(2):
+            g1, g2 = factor * b * g[0, i], factor * b * g[1, i]
+            force[m, 0, i], force[m, 1, i], force[m, 2, i] = -g1, g1 - g2, g2
+        if level == 1:
+            continue
+        for p in range(2):
+            for r in range(2):
+                for i in range(2):
+                    for j in range(2):
+                        same = 1.0 if i == j else 0.0
+                        if p == r:
+                            ddq = size[1 - p] / size[p] * (same - t[p, i] * t[p, j])
+                            ddn = 0.0
+                        else:
+                            ddq = t[p, i] * t[r, j] + same
+                            ddn = 0.0 if i == j else (1.0 if (i < j) == (p < r) else -1.0)
+                        bent = (2.0 * ddn - b * ddq - g[r, j] * dq[p, i] - g[p, i] * dq[r, j]) / q
+                        h[p, r, i, j] = factor * (g[p, i] * g[r, j] + b * bent)
+        for i in range(2):
+            for j in range(2):
+                k11, k12, k21, k22 = h[0, 0, i, j], h[0, 1, i, j], h[1, 0, i, j], h[1, 1, i, j]
+                stiffness[m, 0, i, 0, j] = k11
+                stiffness[m, 0, i, 1, j] = k12 - k11
+                stiffness[m, 0, i, 2, j] = -k12
+                stiffness[m, 1, i, 0, j] = k21 - k11
+                stiffness[m, 1, i, 1, j] = k11 - k12 - k21 + k22
+                stiffness[m, 1, i, 2, j] = k12 - k22
+                stiffness[m, 2, i, 0, j] = -k21
+                stiffness[m, 2, i, 1, j] = k21 - k22
+                stiffness[m, 2, i, 2, j] = k22
+
+
+def turns(x, length, rigidity, level: int = STIFFNESS, out=None):
+    """Energy, force and stiffness of turns of yarns in the plane.
+
+    Parameters
+    ----------
+    x : float (n, 3, 2)
+        Positions of the point before, of the turn, of the point after, metres.
+    length : float (n,)
+        Mean rest length of the two pieces of yarn, metres.
+    rigidity : float (n,)
+        Flexural rigidity of the yarns together, N m^2.
+    level, out
+        As for cruciforms.
+
+    Returns
+    -------
+    energy : float (n, 1), J
+    force : float (n, 3, 2), N
+    stiffness : float (n, 3, 2, 3, 2), N/m
+    """
+    if out is None:
+        out = _room(len(x), 1, 3, 2, level)
+    _turns_in_plane(x, length, rigidity, level, *out)
+    return out
