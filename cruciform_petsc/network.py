@@ -69,6 +69,8 @@ class Network:
         Rank-independent name of each node; owned ones ascending (by yarn), then ghosts.
     node_number_global : int64 (n_local,)
         Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
+    ghost_owner : int32 (n_ghost,)
+        Ranks that own the ghosts.
     node_position : float (n_local, 2)
     node_is_boundary : bool (n_local,)
         Ends on the outline, or lies close to it.
@@ -195,7 +197,7 @@ class Network:
             owner[ask, arm] = self.partition.owner(behind[ask])
         owned_key = np.unique(keys[~foreign])
         ghost_key, first = np.unique(keys[foreign], return_index=True)
-        ghost_owner = owner[foreign][first]
+        self.ghost_owner = ghost_owner = owner[foreign][first]
         self.node_key = np.concatenate([owned_key, ghost_key])
         self.num_nodes_owned = len(owned_key)
         self.arm_node = np.empty(keys.shape, np.int32)

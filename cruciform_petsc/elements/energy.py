@@ -87,6 +87,24 @@ def effective_strain(stretch, log_strain, slope, width):
     return p, p1 * s1, p2 * s1 * s1 + p1 * s2
 
 
+def effective_strains(stretch: np.ndarray, cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
+    """e and de/d(stretch) of an array of stretches, each of its shape."""
+    result = np.empty((2, stretch.size))
+    _effective_strains(
+        np.ravel(stretch), cloth.log_strain, np.sqrt(cloth.compression), cloth.compression_width,
+        result,
+    )  # fmt: skip
+    e, slope = result.reshape(2, *stretch.shape)
+    return e, slope
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _effective_strains(stretch, log_strain, slope, width, result):
+    for i in range(len(stretch)):
+        e, e1, _ = effective_strain(stretch[i], log_strain, slope, width)
+        result[0, i], result[1, i] = e, e1
+
+
 @lru_cache(maxsize=2)
 def _cruciform_kernel(dim: int) -> Callable[..., None]:
     """Compile the cruciform for positions in ``dim`` dimensions."""
