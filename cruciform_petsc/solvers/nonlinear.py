@@ -25,7 +25,7 @@ from .linear import DIRECT_LIMIT, ITERATIVE, PREFIX, petsc_options
 # then right to the square of it, near enough: Newton's last step is quadratic.
 RELATIVE_RESIDUAL = 1e-8
 # Rounding of the residual in units of (stiffness x size of the preform): positions have 16 digits.
-ROUNDING = 2e-15
+ROUNDING = 1e-16
 MAX_ITERATIONS = 30
 # Cholesky of an indefinite matrix: LDL^T, whose negative pivots tell.
 DIRECT = {
