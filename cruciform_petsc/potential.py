@@ -17,6 +17,7 @@ import numpy as np
 from .errors import InputError
 
 LINEAR, POLYNOMIAL, SIN_POWERS, TABLE = 0.0, 1.0, 2.0, 3.0
+_NAMES = ("linear", "polynomial", "sin-potential", "table")  # as in case files
 
 
 @numba.njit(cache=True)
@@ -28,9 +29,9 @@ def evaluate_law(data: np.ndarray, x: float) -> tuple[float, float, float]:
     - 0, k:                       w = k x^2/2
     - 1, n, k_1 ... k_n:          w' = k_1 x + k_2 x^3 + ... + k_n x^(2n - 1)
     - 2, n, k_1 ... k_n:          w = k_1 sin^2 x + ... + k_n sin^(2n) x
-    - 3, n, then n + 1 knots x_0 = 0 ... x_n, n + 1 energies, and (c_0, c_1, c_2, c_3) of each of the
-      n pieces of w' = c_0 + c_1 t + c_2 t^2 + c_3 t^3, t = |x| - x_i; odd in x, and beyond the last
-      knot straight on with the slope there.
+    - 3, n, then n + 1 knots x_0 = 0 ... x_n, n + 1 energies, and (c_0, c_1, c_2, c_3) of each of
+      the n pieces of w' = c_0 + c_1 t + c_2 t^2 + c_3 t^3, t = |x| - x_i; odd in x, and beyond the
+      last knot straight on with the slope there.
     """
     kind = data[0]
     if kind == 0.0:
@@ -101,6 +102,11 @@ class Potential:
     data: tuple[float, ...]
 
     @property
+    def name(self) -> str:
+        """What case files call such a law: "linear", "polynomial", "sin-potential" or "table"."""
+        return _NAMES[int(self.data[0])]
+
+    @property
     def packed(self) -> np.ndarray:
         """``data`` as an array, for kernels; float (n,)."""
         return np.array(self.data)
@@ -123,17 +129,17 @@ class Potential:
 
 
 def linear(stiffness: float) -> Potential:
-    """w' = stiffness x."""
+    """The law w' = stiffness x."""
     return Potential((LINEAR, float(stiffness)))
 
 
 def odd_polynomial(coefficients: Sequence[float]) -> Potential:
-    """w' = k_1 x + k_2 x^3 + k_3 x^5 + ..."""
+    """The law w' = k_1 x + k_2 x^3 + k_3 x^5 + ..."""
     return _listed(POLYNOMIAL, coefficients)
 
 
 def sin_powers(coefficients: Sequence[float]) -> Potential:
-    """w = sum of k_i sin(x)^(2 i), the shear potential of the pantographic-lattice literature."""
+    """The law w = sum of k_i sin(x)^(2 i), as in the literature on pantographic lattices."""
     return _listed(SIN_POWERS, coefficients)
 
 
@@ -145,7 +151,7 @@ def _listed(kind: float, coefficients: Sequence[float]) -> Potential:
 
 
 def table(x: Sequence[float], y: Sequence[float]) -> Potential:
-    """w' through points (x, y) and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
+    """Run w' through points and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
 
     Odd in x. Beyond the last point it goes straight on with the slope there.
 
@@ -157,10 +163,14 @@ def table(x: Sequence[float], y: Sequence[float]) -> Potential:
     Raises
     ------
     InputError
-        x does not ascend, a point is not finite, or y(0) is not zero.
+        x does not ascend, a point is not finite, y(0) is not zero, or x and y differ in length.
     """
     from scipy.interpolate import PchipInterpolator
 
+    if np.shape(x) != np.shape(y):
+        raise InputError(
+            f"a law's table has {len(x)} values in one column and {len(y)} in the other"
+        )
     points = np.array([x, y], float)
     if points.ndim != 2 or points.shape[1] == 0 or not np.isfinite(points).all():
         raise InputError("a law's table needs points, all of them finite")
@@ -182,4 +192,6 @@ def table(x: Sequence[float], y: Sequence[float]) -> Potential:
     piece = step * (c[0] + step * (c[1] / 2 + step * (c[2] / 3 + step * c[3] / 4)))
     energy = np.concatenate([[0.0], np.cumsum(piece)])
     n = len(step)
-    return Potential((TABLE, float(n), *points[0].tolist(), *energy.tolist(), *c.T.ravel().tolist()))
+    return Potential(
+        (TABLE, float(n), *points[0].tolist(), *energy.tolist(), *c.T.ravel().tolist())
+    )

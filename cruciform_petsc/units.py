@@ -58,9 +58,16 @@ _KINDS = {
     "rad": ("an angle", "45 deg", "deg"),
     "m": ("a length", "1 mm", "mm"),
     "N": ("a force", "2 N", "N"),
+    "1": ("a strain", "1 %", "%"),
 }
 
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(.*)", re.DOTALL)
+# Strains are not left to the registry, in which "2 ends" is a plain number as well.
+_STRAINS = {"%": 0.01, "percent": 0.01, "1": 1.0, "m/m": 1.0, "mm/mm": 1.0}
+
+_UNSIGNED = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"\s*([+-]?{_UNSIGNED})(.*)", re.DOTALL)
+# "1/4.8 mm", one yarn per 4.8 mm, and "900 N/5 cm", from a strip of that width.
+_PER_SOME = re.compile(rf"([^/]*)/\s*({_UNSIGNED})\s*([^\W\d][^/]*)")
 
 
 @lru_cache(maxsize=1)
@@ -75,6 +82,10 @@ def _registry() -> pint.UnitRegistry:
 def _factor(text: str, unit: str) -> float:
     """Return how many `unit` one `text` is; ValueError says in words why it is none."""
     kind, example, _ = _KINDS[unit]
+    if unit == "1":
+        if text not in _STRAINS:
+            raise ValueError(f'has the unit "{text}", which is not that of {kind} like "{example}"')
+        return _STRAINS[text]
     registry = _registry()
     try:
         # pint reads "/cm" only with something in front of the slash
@@ -100,7 +111,7 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     value : str
         Number and unit, "520 N/cm".
     unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m" or "N".
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N" or "1".
     bare : bool
         Take a number without unit as SI already (scripts may, case files may not).
 
@@ -128,13 +139,43 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         raise ValueError(f'= "{value}" has no unit, write for example "{example}"')
     if re.match(r"[,.\d](?!\s*/)", text):  # a second number; only the 1 of "2.4 1/cm" may stand
         raise ValueError(f'must be one number and a unit like "{example}", got "{value}"')
+    number = float(digits)
+    per = _PER_SOME.fullmatch(text)
+    if per is not None and float(per[2]) > 0.0:
+        number /= float(per[2])
+        text = f"{per[1]}/{per[3]}"
     try:
-        number = float(digits) * _factor(text, unit)
+        number *= _factor(text, unit)
     except ValueError as error:
         raise ValueError(f'= "{value}" {error}') from None
     if not math.isfinite(number):
         raise ValueError(f'must be finite, got "{value}"')
     return number
+
+
+def parse_unit(value: Any, unit: str) -> float:
+    """Return how many SI units a unit by itself is, as it stands over a column of numbers.
+
+    Parameters
+    ----------
+    value : str
+        "deg", "N/mm", "%".
+    unit : str
+        SI unit, as for `parse`.
+
+    Raises
+    ------
+    ValueError
+        The end of a sentence that begins with the key.
+    """
+    kind, example, shown = _KINDS[unit]
+    if not isinstance(value, str) or not value.strip():
+        raise ValueError(f'must be the unit of {kind} in quotes like "{shown}", got {value!r}')
+    try:
+        return _factor(value.strip(), unit)
+    except ValueError as error:
+        problem = str(error).replace(f'"{example}"', f'"{shown}"')
+        raise ValueError(f'= "{value}" {problem}') from None
 
 
 @overload
@@ -147,9 +188,10 @@ def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | lis
     Parameters
     ----------
     value : str or list of str
-        "520 N/cm", "2.4 /cm", "2.4 ends/cm", "0.6 N mm^2", "45 deg", "1 mm", "2 N".
+        "520 N/cm", "2.4 /cm", "2.4 ends/cm", "1/4.8 mm", "0.6 N mm^2", "45 deg", "1 mm", "2 N",
+        "1 %".
     unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m" or "N".
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N" or "1".
     key : str
         Where the value stands, for the message: "fabric.warp.modulus".
     bare : bool

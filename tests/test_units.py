@@ -6,7 +6,7 @@ import math
 import pytest
 
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.units import format_si, to_si
+from cruciform_petsc.units import format_si, parse_unit, to_si
 
 
 @pytest.mark.parametrize(
@@ -32,6 +32,14 @@ from cruciform_petsc.units import format_si, to_si
         ("0 mm", "m", 0.0),
         ("2 N", "N", 2.0),
         ("2e3 mN", "N", 2.0),
+        ("1/4.8 mm", "1/m", 1 / 4.8e-3),
+        ("2 yarns / 4.8 mm", "1/m", 2 / 4.8e-3),
+        ("2.4 1/1 cm", "1/m", 240.0),
+        ("900 N/5 cm", "N/m", 18000.0),
+        ("0.01 N/mm", "N/m", 10.0),
+        ("1 %", "1", 0.01),
+        ("-0.2%", "1", -0.002),
+        ("0.01 mm/mm", "1", 0.01),
     ],
 )
 def test_accepted(text, unit, si):
@@ -80,6 +88,27 @@ def test_accepted(text, unit, si):
         ("1e999 mm", "m", 'key must be finite, got "1e999 mm"'),
         ("1,5 mm", "m", 'key must be one number and a unit like "1 mm", got "1,5 mm"'),
         ("2 10/cm", "1/m", 'key must be one number and a unit like "2.4 /cm", got "2 10/cm"'),
+        (
+            "1/0 mm",
+            "1/m",
+            'key = "1/0 mm" has the unreadable unit "/0 mm", write for example "2.4 /cm"',
+        ),
+        (
+            "900 N/5/2 cm",
+            "N/m",
+            'key = "900 N/5/2 cm" has the unreadable unit "N/5/2 cm", write for example "520 N/cm"',
+        ),
+        (
+            "1/4.8 mm",
+            "m",
+            'key = "1/4.8 mm" has the unit "/mm", which is not that of a length like "1 mm"',
+        ),
+        (
+            "2 ends",
+            "1",
+            'key = "2 ends" has the unit "ends", which is not that of a strain like "1 %"',
+        ),
+        ("0.01", "1", 'key = "0.01" has no unit, write for example "1 %"'),
         ("", "m", 'key must be a finite number with a unit like "1 mm", got ""'),
         (None, "m", 'key must be a length in quotes like "1 mm", got None'),
         (True, "m", 'key must be a length in quotes like "1 mm", got True'),
@@ -118,9 +147,34 @@ def test_bare_numbers_for_scripts():
         (math.pi / 4, "rad", "45 deg"),
         (1e-3, "m", "1 mm"),
         (2.0, "N", "2 N"),
+        (0.01, "1", "1 %"),
     ],
 )
 def test_format(si, unit, text):
     """Logs use the units of the trade, and what they write can be read back."""
     assert format_si(si, unit) == text
     assert to_si(text, unit, "key") == pytest.approx(si, rel=1e-14)
+
+
+def test_unit_of_a_column():
+    """Tables of numbers carry one unit per column."""
+    assert parse_unit("deg", "rad") == pytest.approx(math.pi / 180)
+    assert parse_unit(" N/mm ", "N/m") == pytest.approx(1000.0)
+    assert (parse_unit("%", "1"), parse_unit("1", "1")) == (0.01, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "message"),
+    [
+        ("N", "N/m", '= "N" has the unit "N", which is not that of a force per width like "N/cm"'),
+        ("grad", "rad", '= "grad" has the unknown unit "grad", write for example "deg"'),
+        ("0.1 N", "N/m", '= "0.1 N" has the unreadable unit "0.1 N", write for example "N/cm"'),
+        ("", "rad", "must be the unit of an angle in quotes like \"deg\", got ''"),
+        (1, "1", 'must be the unit of a strain in quotes like "%", got 1'),
+    ],
+)
+def test_refused_units(value, unit, message):
+    """A quantity, a wrong dimension, nothing."""
+    with pytest.raises(ValueError) as caught:
+        parse_unit(value, unit)
+    assert str(caught.value) == message
