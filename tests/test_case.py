@@ -207,7 +207,8 @@ def test_bad_override(write, override):
         (
             ["fabric.use=e-glas-plain"],
             'fabric.use: there is no fabric "e-glas-plain" in the library '
-            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4")',
+            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4", '
+            '"pantographic-sheet-2016", "glass-pp-plain-1.93")',
         ),
         (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
         (
