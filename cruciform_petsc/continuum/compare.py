@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from mpi4py import MPI
 
-from .membrane import MembraneResult, outline_width
+from .domain import MembraneFields, outline_width
 
 # Part of the outline's width around singular points in which shear angles are not compared.
 SINGULAR_RADIUS = 0.1
@@ -52,7 +52,7 @@ def compare_fields(
     gamma_net: np.ndarray,
     load_net: float,
     energy_net: float,
-    membrane_result: MembraneResult,
+    membrane_result: MembraneFields,
 ) -> Comparison:
     """Compare the network's fields with the membrane's at the crossovers. Collective.
 
@@ -72,7 +72,7 @@ def compare_fields(
         the shear comparison.
     load_net, energy_net : float
         Newtons, joules; of the whole network, the same on every rank.
-    membrane_result : MembraneResult
+    membrane_result : MembraneResult, HyperelasticResult
 
     Returns
     -------

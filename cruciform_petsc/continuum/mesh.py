@@ -95,6 +95,24 @@ def grade_mesh(
     return mesh
 
 
+def with_shared_facets(mesh: dolfinx.mesh.Mesh) -> dolfinx.mesh.Mesh:
+    """Deal a mesh out afresh, each rank with copies of the triangles beside its own. Collective.
+
+    For integrals over inner edges; such a mesh cannot be refined any further.
+    """
+    geometry = mesh.geometry
+    owned = mesh.topology.index_map(2).size_local
+    nodes = geometry.index_map()
+    cells = nodes.local_to_global(geometry.dofmap[:owned].ravel()).reshape(-1, 3)
+    return dolfinx.mesh.create_mesh(
+        mesh.comm,
+        cells=cells,
+        x=geometry.x[: nodes.size_local, :2].copy(),
+        e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
+        partitioner=_partitioner(dolfinx.mesh.GhostMode.shared_facet),
+    )
+
+
 def edge_ends(mesh: dolfinx.mesh.Mesh, edges: np.ndarray) -> np.ndarray:
     """Coordinates of the ends of edges of the mesh, (n, 2, 2): edge, end, x or y."""
     if len(edges) == 0:  # dolfinx 0.9 divides by their number
@@ -108,12 +126,12 @@ def _refine(mesh: dolfinx.mesh.Mesh, edges: np.ndarray | None, is_last: bool) ->
     return dolfinx.mesh.refine(mesh, edges, _partitioner() if is_last else None)[0]
 
 
-def _partitioner() -> Any:
-    """Partition without ghost cells; dolfinx 0.11 wants a second argument, 0.9 takes none."""
+def _partitioner(ghosts: Any = dolfinx.mesh.GhostMode.none) -> Any:
+    """Partition, by default without ghost cells; dolfinx 0.11 has a second argument, 0.9 none."""
     try:
-        return dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none)
+        return dolfinx.mesh.create_cell_partitioner(ghosts)
     except TypeError:
-        return dolfinx.mesh.create_cell_partitioner(dolfinx.mesh.GhostMode.none, 2)
+        return dolfinx.mesh.create_cell_partitioner(ghosts, 2)
 
 
 def _rectangle(
