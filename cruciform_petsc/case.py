@@ -7,6 +7,7 @@ case is a case file again; `Case.fabric`, `Case.preform` and the ``*_si`` proper
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 import types
@@ -14,22 +15,37 @@ from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
+import shapely
 from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
+    Discriminator,
     Field,
     PlainValidator,
+    Tag,
     ValidationError,
+    ValidationInfo,
+    field_validator,
     model_validator,
 )
 
 from .errors import CruciformError, InputError
 from .fabric import Fabric
 from .preform import Preform
-from .units import parse, to_si
+from .units import format_si, parse, parse_unit, to_si
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -49,20 +65,37 @@ def _quantity(unit: str) -> PlainValidator:
     return PlainValidator(check)
 
 
-def _quantities(unit: str) -> PlainValidator:
-    """Accept one such string or a list of them."""
+def _quantities(
+    unit: str, good: Callable[[float], bool] | None = None, wanted: str = ""
+) -> PlainValidator:
+    """Accept one such string or a list of them; each must be `good`, which `wanted` tells."""
+
+    def check_one(value: Any) -> None:
+        number = parse(value, unit)
+        if good is not None and not good(number):
+            raise ValueError(f'must be {wanted}, got "{value}"')
 
     def check(value: Any) -> Any:
         if not isinstance(value, list):
-            parse(value, unit)
+            check_one(value)
         elif not value:
             raise ValueError("is an empty list, give at least one value")
         else:
             for i, item in enumerate(value):
                 try:
-                    parse(item, unit)
+                    check_one(item)
                 except ValueError as error:
                     raise ValueError(f"(value {i + 1}) {error}") from None
+        return value
+
+    return PlainValidator(check)
+
+
+def _unit(si: str) -> PlainValidator:
+    """Accept a unit by itself, as it stands over a column of numbers."""
+
+    def check(value: Any) -> Any:
+        parse_unit(value, si)
         return value
 
     return PlainValidator(check)
@@ -90,40 +123,81 @@ Length = Annotated[str, _quantity("m")]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Point], Field(min_length=3)]
 Count = Annotated[int, Field(ge=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Pairs = list[Annotated[list[Number], Field(min_length=2, max_length=2)]]
 
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
+class TensionLawTable(_Table):
+    """[fabric] warp.tension and weft.tension: a law in place of the modulus."""
+
+    law: Literal["table"]
+    strain: Annotated[str, _unit("1")]
+    force: Annotated[str, _unit("N/m")]
+    points: Pairs
+
+
 class YarnTable(_Table):
     """[fabric] warp and weft."""
 
-    modulus: Annotated[str, _quantity("N/m")]
+    tension: TensionLawTable | None = None  # before modulus, whose check asks for it
+    modulus: Annotated[str, _quantity("N/m")] | None = Field(default=None, validate_default=True)
     poisson: float
     yarns: Annotated[str, _quantity("1/m")]
     yarn_bending: Annotated[str, _quantity("N*m**2")] = "0 N mm^2"
 
+    @field_validator("modulus")
+    @classmethod
+    def _or_tension(cls, modulus: str | None, info: ValidationInfo) -> str | None:
+        if "tension" not in info.data:  # given, and wrong in itself
+            return modulus
+        if modulus is None and info.data["tension"] is None:
+            raise ValueError("is missing")
+        if modulus is not None and info.data["tension"] is not None:
+            raise ValueError("cannot stand beside tension, a law in its place")
+        return modulus
+
 
 class ShearTable(_Table):
-    """[fabric] shear."""
+    """[fabric] shear: a modulus, or a law with its own keys, which `Fabric.from_table` checks."""
 
-    modulus: Annotated[str, _quantity("N/m")]
+    modulus: Annotated[str, _quantity("N/m")] | None = None
+    law: Literal["table", "polynomial", "sin-potential"] | None = None
+    angle: Annotated[str, _unit("rad")] | None = None
+    force: Annotated[str, _unit("N/m")] | None = None
+    points: Pairs | None = None
+    coefficients: Annotated[str | list[str], _quantities("N/m")] | None = None
+
+
+class TensionTable(_Table):
+    """[fabric] tension: which strain, and what becomes of yarns in compression."""
+
+    strain: Literal["engineering", "log"] = "engineering"
+    compression: Number = 1.0
+    compression_width: Number = 1e-4
 
 
 class FabricTable(_Table):
-    """[fabric]: a name from the library, or the values."""
+    """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
 
     use: str | None = None
     warp: YarnTable | None = None
     weft: YarnTable | None = None
     shear: ShearTable | None = None
+    tension: TensionTable | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> FabricTable:
+        given = [key for key in ("warp", "weft") if getattr(self, key) is not None]
+        if self.use is not None and given:
+            raise ValueError(
+                f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
+                "(beside use only shear and tension may stand)"
+            )
         missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
-        if self.use is not None and len(missing) < 3:
-            raise ValueError("needs either use or warp, weft and shear, not both")
         if self.use is None and missing:
             raise ValueError(
                 f"needs use, or warp, weft and shear ({' and '.join(missing)} missing)"
@@ -156,44 +230,200 @@ class PreformTable(_Table):
 
 
 class TestTable(_Table):
-    """[test]: the experiment."""
+    """[test]: what all kinds of experiments share.
 
-    __test__ = False  # not a test for pytest
+    Every kind prescribes one value or a list of them, of one of its `controls`.
+    """
+
+    __test__: ClassVar[bool] = False  # not a test for pytest
+    controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}  # key -> SI unit
+    along_the_yarns: ClassVar[bool] = False  # needs a rectangle whose sides the yarns follow
+
+    kind: str
+    finite: bool = False
+    bending: bool = True
+    increments: Count | None = None
+
+    @model_validator(mode="after")
+    def _one_control(self) -> TestTable:
+        given = [key for key in self.controls if getattr(self, key) is not None]
+        if len(given) != 1:
+            got = "both" if given else "neither"
+            raise ValueError(f"needs exactly one of {' and '.join(self.controls)}, got {got}")
+        return self
+
+    @property
+    def control(self) -> str:
+        """Key of what is prescribed: "extension", "load", "angle" or "strain"."""
+        return next(key for key in self.controls if getattr(self, key) is not None)
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether a list was given, so that results are lists."""
+        return isinstance(getattr(self, self.control), list)
+
+    @property
+    def values_si(self) -> list[float]:
+        """Prescribed values, one or more [m, N, rad or 1]."""
+        value = getattr(self, self.control)
+        values = value if isinstance(value, list) else [value]
+        return to_si(values, self.controls[self.control], f"test.{self.control}")
+
+    @property
+    def extension_si(self) -> list[float] | None:
+        """Prescribed extensions [m], one or more, or None if something else is prescribed."""
+        return self.values_si if self.control == "extension" else None
+
+    @property
+    def load_si(self) -> list[float] | None:
+        """Prescribed loads [N], one or more, or None if something else is prescribed."""
+        return self.values_si if self.control == "load" else None
+
+
+class BiasExtensionTest(TestTable):
+    """A strip clamped at its lower edge and pulled at its upper one."""
 
     kind: Literal["bias-extension"] = "bias-extension"
     upper: Literal["grip", "centre-line"] = "grip"
     extension: Annotated[str | list[str], _quantities("m")] | None = None
     load: Annotated[str | list[str], _quantities("N")] | None = None
     model: Literal["coupled", "separate"] = "coupled"
-    bending: bool = True
 
     @model_validator(mode="after")
-    def _one_control(self) -> TestTable:
-        if (self.extension is None) == (self.load is None):
-            got = "neither" if self.load is None else "both"
-            raise ValueError(f"needs exactly one of extension and load, got {got}")
+    def _small(self) -> BiasExtensionTest:
+        if self.finite and self.model == "separate":
+            raise ValueError(
+                'has model = "separate" and finite = true, but the separate systems are for small '
+                "displacements only"
+            )
+        return self
+
+
+class _OneSystemTest(TestTable):
+    """Kinds without the choices of bias extension: one system, gripped edges."""
+
+    @property
+    def model(self) -> Literal["coupled"]:
+        """All modes of deformation in one system."""
+        return "coupled"
+
+    @property
+    def upper(self) -> Literal["grip"]:
+        """The upper edge is gripped."""
+        return "grip"
+
+
+class PantographTest(_OneSystemTest):
+    """A sheet of beams and pivots, gripped at both ends and pulled."""
+
+    controls: ClassVar[dict[str, str]] = {"extension": "m"}
+
+    kind: Literal["pantograph"]
+    extension: Annotated[str | list[str], _quantities("m")]
+
+
+class OffAxisTensionTest(_OneSystemTest):
+    """A strip pulled at some angle to its yarns; free ends may contract and shear."""
+
+    kind: Literal["off-axis-tension"]
+    extension: Annotated[str | list[str], _quantities("m")] | None = None
+    load: Annotated[str | list[str], _quantities("N")] | None = None
+    ends: Literal["grip", "free"] = "grip"
+
+
+class PictureFrameTest(_OneSystemTest):
+    """A rectangle sheared by a hinged frame."""
+
+    controls: ClassVar[dict[str, str]] = {"angle": "rad"}
+    along_the_yarns: ClassVar[bool] = True
+
+    kind: Literal["picture-frame"]
+    angle: Annotated[
+        str | list[str],
+        _quantities("rad", lambda a: abs(a) < 0.5 * math.pi, "between -90 deg and 90 deg"),
+    ]
+
+    @property
+    def angle_si(self) -> list[float]:
+        """Shear angles of the frame [rad], one or more."""
+        return self.values_si
+
+
+class BiaxialTest(_OneSystemTest):
+    """A rectangle stretched along both yarns."""
+
+    controls: ClassVar[dict[str, str]] = {"strain": "1"}
+    along_the_yarns: ClassVar[bool] = True
+
+    kind: Literal["biaxial"]
+    strain: Annotated[str | list[str], _quantities("1", lambda e: e > -1.0, "more than -100 %")]
+    ratio: Number = 1.0
+
+    @model_validator(mode="after")
+    def _both_lengths_positive(self) -> BiaxialTest:
+        for strain in self.strain_weft_si:
+            if strain <= -1.0:
+                raise ValueError(
+                    f"prescribes a weft strain (strain times ratio) of {format_si(strain, '1')}, "
+                    "it must be more than -100 %"
+                )
         return self
 
     @property
-    def is_curve(self) -> bool:
-        """Whether a list was given, so that results are lists."""
-        return isinstance(self.extension if self.load is None else self.load, list)
+    def strain_warp_si(self) -> list[float]:
+        """Stretch of the warp less 1, one or more."""
+        return self.values_si
 
     @property
-    def extension_si(self) -> list[float] | None:
-        """Prescribed extensions [m], one or more, or None if loads are prescribed."""
-        return _as_list(self.extension, "m", "test.extension")
+    def strain_weft_si(self) -> list[float]:
+        """Stretch of the weft less 1, one or more."""
+        return [self.ratio * strain for strain in self.values_si]
 
-    @property
-    def load_si(self) -> list[float] | None:
-        """Prescribed loads [N], one or more, or None if extensions are prescribed."""
-        return _as_list(self.load, "N", "test.load")
+
+class CantileverTest(_OneSystemTest):
+    """A strip clamped at its lower edge, bent in its plane by a load across its upper one."""
+
+    controls: ClassVar[dict[str, str]] = {"load": "N"}
+    along_the_yarns: ClassVar[bool] = True
+
+    kind: Literal["cantilever"]
+    load: Annotated[str | list[str], _quantities("N")]
+
+    @model_validator(mode="after")
+    def _bends(self) -> CantileverTest:
+        if not self.bending:
+            raise ValueError('has kind = "cantilever", which needs bending = true')
+        return self
+
+
+def _kind(value: Any) -> str:
+    """Tell which of the kinds a [test] table is."""
+    if not isinstance(value, dict):
+        return str(getattr(value, "kind", "bias-extension"))
+    kind = value.get("kind", "bias-extension")
+    return kind if isinstance(kind, str) else ""
+
+
+AnyTest = Annotated[
+    Annotated[BiasExtensionTest, Tag("bias-extension")]
+    | Annotated[PictureFrameTest, Tag("picture-frame")]
+    | Annotated[OffAxisTensionTest, Tag("off-axis-tension")]
+    | Annotated[BiaxialTest, Tag("biaxial")]
+    | Annotated[CantileverTest, Tag("cantilever")]
+    | Annotated[PantographTest, Tag("pantograph")],
+    Discriminator(_kind),
+]
 
 
 class ContinuumTable(_Table):
-    """[continuum]: the membrane to compare with."""
+    """[continuum]: the membrane to compare with.
+
+    ``second_gradient``: whether it resists the bending of yarns; None: if they do in the network
+    (`Case.second_gradient`).
+    """
 
     compare: bool = False
+    second_gradient: bool | None = None
     mesh_size: Annotated[Length, AfterValidator(_positive_length)] | None = None
     ladder: Annotated[list[Count], Field(min_length=1)] | None = None
 
@@ -227,7 +457,7 @@ class Case(_Table):
     title: str = "untitled"
     fabric_table: FabricTable = Field(alias="fabric")
     preform_table: PreformTable = Field(alias="preform")
-    test: TestTable
+    test: AnyTest
     continuum: ContinuumTable = ContinuumTable()
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
@@ -280,13 +510,15 @@ class Case(_Table):
 
     def fabric(self) -> Fabric:
         """Make the fabric."""
-        table = self.fabric_table
-        if table.use is None:
-            return Fabric.from_table(self.title, table.model_dump())
+        data = self.fabric_table.model_dump(exclude_none=True)
+        name = data.pop("use", None)
+        if name is None:
+            return Fabric.from_table(self.title, data)
         try:
-            return Fabric.from_library(table.use)
+            Fabric.from_library(name)
         except InputError as error:
             raise InputError(f"fabric.use: {error}") from None
+        return Fabric.from_library(name, data)
 
     def preform(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the case's (for a ladder)."""
@@ -303,6 +535,12 @@ class Case(_Table):
         width, length = outline.rectangle
         return Preform.rectangle(width, length, table.bias_angle, holes=outline.holes, **options)
 
+    @property
+    def second_gradient(self) -> bool:
+        """Whether the continuum resists the bending of yarns: as told, else as the network does."""
+        told = self.continuum.second_gradient
+        return self.test.finite and self.test.bending if told is None else told
+
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data with the case file's own keys; JSON can hold it."""
         plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
@@ -317,6 +555,8 @@ class Case(_Table):
                 preform.edge(edge)
             except InputError as error:
                 raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
+        if self.test.along_the_yarns:
+            self._check_along_the_yarns(preform)
         if self.test.bending:
             for side in ("warp", "weft"):
                 if getattr(fabric, side).yarn_bending == 0.0:
@@ -324,10 +564,26 @@ class Case(_Table):
                         f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                         "give it a value or set test.bending = false"
                     )
+        if self.continuum.second_gradient:
+            for key in ("finite", "bending"):
+                if not getattr(self.test, key):
+                    raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
         if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
             raise InputError(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {preform.yarns_per_cruciform}"
+            )
+
+    def _check_along_the_yarns(self, preform: Preform) -> None:
+        kind = f'test.kind = "{self.test.kind}"'
+        exterior = shapely.Polygon(preform.outline.exterior)
+        box = shapely.box(*exterior.bounds)
+        if exterior.symmetric_difference(box).area > 1e-9 * box.area:
+            raise InputError(f"{kind} needs preform.outline to be a rectangle with upright sides")
+        if abs(math.sin(2.0 * preform.bias_angle)) > 1e-9:
+            raise InputError(
+                f'{kind} needs yarns along the edges: preform.bias_angle = "0 deg" or "90 deg", '
+                f'got "{self.preform_table.bias_angle}"'
             )
 
 
@@ -412,11 +668,15 @@ def _models(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _known_keys(model: type[BaseModel], path: Sequence[str | int]) -> list[str]:
-    """Return the keys of the table at a place in the case."""
+    """Return the keys of the table at a place in the case, a kind of test included."""
+    models = [model]
     for part in path:
-        fields = {f.alias or name: f for name, f in model.model_fields.items()}
-        model = _models(fields[str(part)].annotation)[0]
-    return [f.alias or name for name, f in model.model_fields.items()]
+        if len(models) > 1:
+            models = [m for m in models if str(part) in get_args(m.model_fields["kind"].annotation)]
+        else:
+            fields = {f.alias or name: f for name, f in models[0].model_fields.items()}
+            models = _models(fields[str(part)].annotation)
+    return [f.alias or name for name, f in models[0].model_fields.items()]
 
 
 # What pydantic's error types ask for, in plain words.
@@ -427,6 +687,7 @@ _WANTED = {
     "int_type": "a whole number",
     "greater_than_equal": "a whole number from 1 up",
     "float_type": "a number",
+    "finite_number": "a finite number",
     "list_type": "a list",
     "model_type": "a table",
 }
@@ -436,7 +697,9 @@ def _sentence(model: type[BaseModel], error: dict[str, Any]) -> str:
     """Turn one of pydantic's errors into plain words that name the key."""
     loc, kind, got = error["loc"], error["type"], error["input"]
     context = error.get("ctx", {})
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)[1:]
+    # pydantic puts the kind of test behind "test"
+    parts = loc[:1] + loc[2:] if loc[:1] == ("test",) else loc
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)[1:]
     wanted = _WANTED.get(kind)
     if wanted is not None:
         text = f"{key} must be {wanted}, got {shorten(repr(got), 60)}"
@@ -444,6 +707,9 @@ def _sentence(model: type[BaseModel], error: dict[str, Any]) -> str:
         text = f"{key} is missing"
     elif kind == "value_error":
         text = f"{key} {context['error']}"
+    elif kind == "union_tag_invalid":
+        *most, last = context["expected_tags"].replace("'", '"').split(", ")
+        text = f"{key}.kind must be {', '.join(most)} or {last}, got {got['kind']!r}"
     elif kind == "literal_error":
         known_values = context["expected"].replace("'", '"')
         text = f"{key} must be {known_values}, got {shorten(repr(got), 60)}"

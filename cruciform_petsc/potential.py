@@ -191,7 +191,5 @@ def table(x: Sequence[float], y: Sequence[float]) -> Potential:
     step = np.diff(points[0])
     piece = step * (c[0] + step * (c[1] / 2 + step * (c[2] / 3 + step * c[3] / 4)))
     energy = np.concatenate([[0.0], np.cumsum(piece)])
-    n = len(step)
-    return Potential(
-        (TABLE, float(n), *points[0].tolist(), *energy.tolist(), *c.T.ravel().tolist())
-    )
+    data = np.concatenate([[TABLE, len(step)], points[0], energy, c.T.ravel()])
+    return Potential(tuple(float(value) for value in data))

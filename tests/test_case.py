@@ -50,6 +50,10 @@ paraview = false
 """.replace('"60 mm"]],\n            ', '"60 mm"]], ')  # an inline table is one line
 
 
+FAMILY = '{modulus="400 N/mm", poisson=0, yarns="2 /cm", yarn_bending="1 N mm^2"}'
+TENSION = '{law="table", strain="%", force="N/cm", points=[[0, 0], [0.5, 10], [1, 50]]}'
+
+
 @pytest.fixture
 def write(tmp_path):
     """Write a case file and return its path."""
@@ -74,7 +78,14 @@ def test_defaults(write):
     assert (test.kind, test.upper, test.model) == ("bias-extension", "grip", "coupled")
     assert (test.bending, test.is_curve) == (True, False)
     assert (test.extension_si, test.load_si) == ([1e-3], None)
+    assert (test.finite, test.increments, test.control, test.values_si) == (
+        False,
+        None,
+        "extension",
+        [1e-3],
+    )
     assert (case.continuum.compare, case.continuum.mesh_size_si) == (False, None)
+    assert (case.continuum.second_gradient, case.second_gradient) == (None, False)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
         "results",
@@ -113,6 +124,99 @@ def test_dump_is_json_and_a_case_again(write, text):
     dump = json.loads(json.dumps(case.model_dump()))
     assert set(dump) == {"title", "fabric", "preform", "test", "continuum", "solver", "output"}
     assert Case.from_data(dump) == case
+
+
+ALONG = 'preform.bias_angle="0 deg"'
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize(
+    ("overrides", "control", "values", "is_curve"),
+    [
+        (['test={extension="1 mm"}'], "extension", [1e-3], False),
+        (['test={kind="bias-extension", load=["1 N"]}'], "load", [1.0], True),
+        (['test={kind="pantograph", extension=["1 mm", "2 mm"]}'], "extension", [1e-3, 2e-3], True),
+        (['test={kind="off-axis-tension", load="2 N", ends="free"}'], "load", [2.0], False),
+        (
+            ['test={kind="picture-frame", angle=["45 deg", "60 deg"]}', ALONG],
+            "angle",
+            [math.pi / 4, math.pi / 3],
+            True,
+        ),
+        (
+            ['test={kind="biaxial", strain="1 %", ratio=0.5}', 'preform.bias_angle="90 deg"'],
+            "strain",
+            [0.01],
+            False,
+        ),
+        (['test={kind="cantilever", load="0.01 N", increments=5}', ALONG], "load", [0.01], False),
+    ],
+)
+def test_kinds(write, overrides, control, values, is_curve, finite):
+    """Every kind: what is prescribed, in SI; small or finite; the dump is the case again."""
+    case = Case.load(write(SPECIMEN), [*overrides, f"test.finite={str(finite).lower()}"])
+    test = case.test
+    assert (test.control, test.is_curve, test.finite) == (control, is_curve, finite)
+    assert test.values_si == pytest.approx(values)
+    assert test.extension_si == (test.values_si if control == "extension" else None)
+    assert test.load_si == (test.values_si if control == "load" else None)
+    assert case.second_gradient is finite
+    assert (test.upper, test.model) == ("grip", "coupled")
+    assert Case.from_data(json.loads(json.dumps(case.model_dump()))) == case
+
+
+def test_biaxial_strains(write):
+    """The ratio is that of weft over warp."""
+    case = Case.load(
+        write(SPECIMEN), ['test={kind="biaxial", strain=["1 %", "2 %"], ratio=-0.5}', ALONG]
+    )
+    assert case.test.strain_warp_si == pytest.approx([0.01, 0.02])
+    assert case.test.strain_weft_si == pytest.approx([-0.005, -0.01])
+
+
+def test_second_gradient_can_be_left_out(write):
+    """On where the yarns bend at finite deformation, unless told otherwise."""
+    finite = "test.finite=true"
+    assert Case.load(write(SPECIMEN), [finite]).second_gradient is True
+    assert Case.load(write(SPECIMEN), [finite, "test.bending=false"]).second_gradient is False
+    off = Case.load(write(SPECIMEN), [finite, "continuum.second_gradient=false"])
+    assert off.second_gradient is False
+
+
+def test_a_rectangle_may_be_given_by_its_corners_and_have_a_hole(write):
+    """Kinds that need a rectangle look at the shape, not at how it was written."""
+    shape = (
+        'preform.outline={polygon=[["5 cm", "0 cm"], ["5 cm", "5 cm"], ["0 cm", "5 cm"], '
+        '["0 cm", "3 cm"], ["0 cm", "0 cm"]], '
+        'holes=[[["1 cm", "1 cm"], ["2 cm", "1 cm"], ["1 cm", "2 cm"]]]}'
+    )
+    Case.load(write(SPECIMEN), ['test={kind="biaxial", strain="1 %"}', ALONG, shape])
+
+
+def test_laws_beside_a_fabric_of_the_library(write):
+    """Shear and tension replace the library's; the dump is the case again."""
+    law = 'fabric.shear={law="table", angle="deg", force="N/mm", points=[[0, 0], [10, 0.01]]}'
+    case = Case.load(write(SPECIMEN), [law, 'fabric.tension={strain="log", compression=0.01}'])
+    fabric = case.fabric()
+    assert (fabric.name, fabric.warp.poisson) == ("e-glass-plain-2.4", 0.45)
+    assert fabric.shear.evaluate(math.radians(10))[1] == pytest.approx(10.0)
+    assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (True, 0.01, 1e-4)
+    assert Case.from_data(json.loads(json.dumps(case.model_dump()))) == case
+    linear = Case.load(write(SPECIMEN), ['fabric.shear.modulus="2 N/cm"']).fabric()
+    assert (linear.shear_modulus, linear.shear_law) == (pytest.approx(200.0), None)
+
+
+def test_a_fabric_with_laws_of_its_own(write):
+    """All of a fabric's laws in a case file."""
+    family = FAMILY.replace('modulus="400 N/mm"', f"tension={TENSION}")
+    shear = '{law="sin-potential", coefficients=["0.0185 N/mm", "0.0464 N/mm", "-0.0213 N/mm"]}'
+    case = Case.load(write(SPECIMEN), [f"fabric={{warp={family}, weft={FAMILY}, shear={shear}}}"])
+    fabric = case.fabric()
+    assert fabric.shear_modulus == pytest.approx(37.0)
+    assert fabric.warp_tension.evaluate(0.01)[1] == pytest.approx(5000.0)
+    assert fabric.warp.modulus == fabric.warp_law.stiffness0
+    assert (fabric.weft_law, fabric.weft.modulus) == (None, pytest.approx(4e5))
+    assert Case.from_data(json.loads(json.dumps(case.model_dump()))) == case
 
 
 def test_rectangle_with_a_hole(write):
@@ -164,7 +268,7 @@ def test_bad_override(write, override):
         (
             ['fabric={warp={modulus="1 N/cm", poisson=0.1, yarns="1 /cm", colour=1}}'],
             '[fabric.warp] has the unknown key "colour" '
-            "(known: modulus, poisson, yarns, yarn_bending)",
+            "(known: tension, modulus, poisson, yarns, yarn_bending)",
         ),
         (["title.x=3"], '--set "title.x=3": title is a value, not a table'),
         (["preform.refine=4.5"], "preform.refine must be a whole number, got 4.5"),
@@ -176,7 +280,12 @@ def test_bad_override(write, override):
         (["title=3"], "title must be a text in quotes, got 3"),
         (['output.directory=""'], "output.directory must be a name that is not empty, got ''"),
         (["test.upper=clamp"], 'test.upper must be "grip" or "centre-line", got \'clamp\''),
-        (["test.kind=drape"], "test.kind must be \"bias-extension\", got 'drape'"),
+        (
+            ["test.kind=drape"],
+            'test.kind must be "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
+            '"cantilever" or "pantograph", got \'drape\'',
+        ),
+        (["test=[1]"], "test must be a table, got [1]"),
         (
             ["preform.bias_angle=45"],
             'preform.bias_angle is the bare number 45, give it a unit like "45 deg"',
@@ -197,8 +306,133 @@ def test_bad_override(write, override):
             "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
         ),
         (
-            ['fabric.shear={modulus="1 N/cm"}'],
-            "fabric needs either use or warp, weft and shear, not both",
+            ["fabric.warp=" + FAMILY],
+            "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
+            "shear and tension may stand)",
+        ),
+        (
+            ["fabric.shear.law=spline"],
+            'fabric.shear.law must be "table", "polynomial" or "sin-potential", got \'spline\'',
+        ),
+        (["fabric.shear={}"], "fabric.shear needs modulus or law"),
+        (
+            ['fabric.shear={law="table", angle="deg", force="N/mm"}'],
+            "fabric.shear.points is missing",
+        ),
+        (
+            ['fabric.shear={law="table", angle="deg", force="N", points=[[10, 1]]}'],
+            'fabric.shear.force = "N" has the unit "N", which is not that of a force per width '
+            'like "N/cm"',
+        ),
+        (
+            ['fabric.shear={law="table", angle="deg", force="N/mm", points=[[0, 0], [1, 2, 3]]}'],
+            "fabric.shear.points[1] must be a list of 2, got 3",
+        ),
+        (
+            ['fabric.shear={law="polynomial", coefficients=["1 N/mm", 2]}'],
+            "fabric.shear.coefficients (value 2) is the bare number 2, give it a unit like "
+            '"520 N/cm"',
+        ),
+        (
+            ['fabric.shear={law="sin-potential", coefficient=["1 N/mm"]}'],
+            '[fabric.shear] has the unknown key "coefficient" (did you mean "coefficients"?)',
+        ),
+        (
+            ['fabric.tension.strain="true"'],
+            'fabric.tension.strain must be "engineering" or "log", got \'true\'',
+        ),
+        (
+            ["fabric.tension.compression=0"],
+            "fabric.tension.compression must be above 0 and at most 1, got 0",
+        ),
+        (
+            ["fabric.tension.compression_width=nan"],
+            "fabric.tension.compression_width must be a finite number, got nan",
+        ),
+        (
+            ["fabric.warp={tension=3}"],
+            "fabric.warp.tension must be a table, got 3; fabric.warp.poisson is missing; "
+            "fabric.warp.yarns is missing",
+        ),
+        (
+            [f"fabric={{warp={FAMILY}, weft={FAMILY}}}", f"fabric.warp.tension={TENSION}"],
+            "fabric.warp.modulus cannot stand beside tension, a law in its place",
+        ),
+        (
+            ["test.kind=pantograph", "test.load=1 N"],
+            '[test] has the unknown key "load" (known: kind, finite, bending, increments, '
+            "extension)",
+        ),
+        (['test={kind="picture-frame"}'], "test.angle is missing"),
+        (
+            ['test={kind="picture-frame", angle=["5 deg", "-95 deg"]}'],
+            'test.angle (value 2) must be between -90 deg and 90 deg, got "-95 deg"',
+        ),
+        (
+            ['test={kind="picture-frame", angle="5 deg"}'],
+            'test.kind = "picture-frame" needs yarns along the edges: preform.bias_angle = '
+            '"0 deg" or "90 deg", got "45 deg"',
+        ),
+        (
+            ['test={kind="biaxial", strain="1 %"}', 'preform.bias_angle="89.9 deg"'],
+            'test.kind = "biaxial" needs yarns along the edges: preform.bias_angle = "0 deg" or '
+            '"90 deg", got "89.9 deg"',
+        ),
+        (
+            [
+                'test={kind="cantilever", load="1 N"}',
+                'preform.outline={polygon=[["0 cm", "0 cm"], ["5 cm", "0 cm"], ["4 cm", "5 cm"], '
+                '["0 cm", "5 cm"]]}',
+            ],
+            'test.kind = "cantilever" needs preform.outline to be a rectangle with upright sides',
+        ),
+        (
+            ['test={kind="cantilever", load="1 N", bending=false}'],
+            'test has kind = "cantilever", which needs bending = true',
+        ),
+        (
+            ['test={kind="off-axis-tension"}'],
+            "test needs exactly one of extension and load, got neither",
+        ),
+        (
+            ['test={kind="off-axis-tension", load="1 N", ends="fre"}'],
+            'test.ends must be "grip" or "free", got \'fre\'',
+        ),
+        (
+            ['test={kind="biaxial", strain="1 mm"}'],
+            'test.strain = "1 mm" has the unit "mm", which is not that of a strain like "1 %"',
+        ),
+        (
+            ['test={kind="biaxial", strain=["1 %", "-100 %"]}'],
+            'test.strain (value 2) must be more than -100 %, got "-100 %"',
+        ),
+        (
+            ['test={kind="biaxial", strain="1 %", ratio=-200}'],
+            "test prescribes a weft strain (strain times ratio) of -200 %, it must be more than "
+            "-100 %",
+        ),
+        (
+            ['test={kind="biaxial", strain="1 %", ratio=nan}'],
+            "test.ratio must be a finite number, got nan",
+        ),
+        (
+            ['test={kind="biaxial", strain="1 %", ration=2}'],
+            '[test] has the unknown key "ration" (did you mean "ratio"?)',
+        ),
+        (["test.finite=1"], "test.finite must be true or false, got 1"),
+        (["test.increments=0"], "test.increments must be a whole number from 1 up, got 0"),
+        (
+            ["test.finite=true", "test.model=separate"],
+            'test has model = "separate" and finite = true, but the separate systems are for '
+            "small displacements only",
+        ),
+        (
+            ["continuum.second_gradient=true"],
+            "continuum.second_gradient = true needs test.finite = true",
+        ),
+        (
+            ["continuum.second_gradient=true", "test.finite=true", "test.bending=false"],
+            "continuum.second_gradient = true needs test.bending = true",
         ),
         (
             ["fabric.warp={poisson=0.1}"],
