@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .potential import Potential, linear, odd_polynomial, sin_powers
+from .potential import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from .potential import table as table_law
 from .units import format_si, parse_unit, to_si
 
@@ -271,6 +271,15 @@ class Fabric:
     def c12(self) -> float:
         """Warp stress per weft strain, and the reverse: nu_e C11 = nu_w C22 [N/m], [2]-[4]."""
         return self.weft.poisson * self.c11
+
+    def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Strain of a yarn as its law of tension takes it, and its derivatives by the stretch.
+
+        Returns
+        -------
+        e, de/dstretch, d2e/dstretch2 : arrays shaped like `stretch`
+        """
+        return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
 
     def spacing(self, family: str) -> float:
         """Distance between neighbouring yarns of "warp" or "weft" [m]."""

@@ -3,6 +3,8 @@
 
 A law is a few numbers, of which the first names its kind, so that compiled kernels can take any of
 them. `evaluate_law` is the one place where laws are worked out; `Potential` is its NumPy face.
+`effective_strain` makes of a stretch what a law of tension takes: which strain, and how yarns
+soften in compression; `effective_strains` does it for arrays.
 """
 
 from __future__ import annotations
@@ -79,6 +81,84 @@ def evaluate_law(data: np.ndarray, x: float) -> tuple[float, float, float]:
     w += over * (d + 0.5 * over * dd)
     d += over * dd
     return w, d if x >= 0.0 else -d, dd
+
+
+@numba.njit(cache=True)
+def softened_strain(s: float, compression: float, width: float) -> tuple[float, float, float]:
+    """Effective strain e of a yarn that buckles, and its first and second derivative.
+
+    e = s in tension. In compression e is minus the root of 2 g(s), where g is the energy of a unit
+    modulus whose stiffness falls with the strain,
+
+        g'' = c + (1 - c) exp(s/d),  g(0) = g'(0) = 0,  c = ``compression``, d = ``width``,
+
+    so that k e^2/2 has the stiffness k in tension, falls smoothly to c k in compression and is
+    nowhere negative. (A smooth e(s) with slopes 1 and sqrt(c), squared, would be: the force of a
+    yarn would fall while it is pressed together, for c = 0.01 between strains of -0.6 d and
+    -4.6 d.) Far in compression e has the slope sqrt(c).
+    """
+    if s >= 0.0 or compression == 1.0:
+        return s, 1.0, 0.0
+    z, q = s / width, 1.0 - compression
+    if z > -1.0:
+        # 2 g = s^2 u, u = c + q f, f = 2 (exp(z) - 1 - z)/z^2 by its series: no cancellation.
+        f, f1, f2 = 0.0, 0.0, 0.0
+        power, factorial = 1.0, 2.0  # z^k, (k + 2)!
+        for k in range(16):
+            f += 2.0 * power / factorial
+            f1 += 2.0 * (k + 1) * power / (factorial * (k + 3))
+            f2 += 2.0 * (k + 1) * (k + 2) * power / (factorial * (k + 3) * (k + 4))
+            power *= z
+            factorial *= k + 3
+        u, u1, u2 = compression + q * f, q * f1, q * f2
+        root = np.sqrt(u)
+        first = root + z * u1 / (2.0 * root)
+        second = (u1 + 0.5 * z * u2 - 0.25 * z * u1 * u1 / u) / root
+        return s * root, first, second / width
+    fall = np.exp(z)
+    h2 = compression + q * fall
+    h1 = compression * z + q * (fall - 1.0)
+    twice = compression * z * z + 2.0 * q * (fall - 1.0 - z)
+    root = np.sqrt(twice)
+    return -width * root, -h1 / root, (h1 * h1 / twice - h2) / (root * width)
+
+
+@numba.njit(cache=True)
+def effective_strain(
+    stretch: float, log_strain: bool, compression: float, width: float
+) -> tuple[float, float, float]:
+    """Strain that tension laws take, with its two derivatives with respect to the stretch.
+
+    softened_strain of s = stretch - 1, or of s = ln(stretch).
+    """
+    if log_strain:
+        s, s1, s2 = np.log(stretch), 1.0 / stretch, -1.0 / stretch**2
+    else:
+        s, s1, s2 = stretch - 1.0, 1.0, 0.0
+    e, e1, e2 = softened_strain(s, compression, width)
+    return e, e1 * s1, e2 * s1 * s1 + e1 * s2
+
+
+@numba.njit(cache=True)
+def _effective_strains(
+    stretch: np.ndarray, log_strain: bool, compression: float, width: float
+) -> np.ndarray:
+    result = np.empty((3, len(stretch)))
+    for i in range(len(stretch)):
+        e, e1, e2 = effective_strain(stretch[i], log_strain, compression, width)
+        result[0, i], result[1, i], result[2, i] = e, e1, e2
+    return result
+
+
+def effective_strains(
+    stretch: Any, log_strain: bool = False, compression: float = 1.0, width: float = 1e-4
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """effective_strain of an array: e, de/dstretch and its second derivative, shaped like it."""
+    stretch = np.asarray(stretch, float)
+    result = _effective_strains(
+        stretch.ravel(), bool(log_strain), float(compression), float(width)
+    ).reshape(3, *stretch.shape)
+    return result[0], result[1], result[2]
 
 
 @numba.njit(cache=True)

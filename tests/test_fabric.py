@@ -275,6 +275,11 @@ def test_tension_options():
     options = {"strain": "log", "compression": 0.01, "compression_width": 1e-3}
     fabric = Fabric.from_table("f", PLAIN | {"tension": options})
     assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (True, 0.01, 1e-3)
+    strain = fabric.effective_strain(np.array([1.1, 0.9]))[0]
+    assert strain[0] == pytest.approx(np.log(1.1), rel=1e-14)
+    # Well below the width the energy is that of 1 % of the stiffness and a constant buckling force.
+    s = np.log(0.9)
+    assert strain[1] == pytest.approx(-np.sqrt(0.01 * s**2 - 2 * 0.99 * 1e-3 * (s + 1e-3)))
     fabric = Fabric.from_table("f", PLAIN | {"tension": {"strain": "engineering"}})
     assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (False, 1, 1e-4)
 

@@ -6,7 +6,14 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.potential import Potential, linear, odd_polynomial, sin_powers, table
+from cruciform_petsc.potential import (
+    Potential,
+    effective_strains,
+    linear,
+    odd_polynomial,
+    sin_powers,
+    table,
+)
 
 # Shear force over angle like that of a plain weave: a stiff start, a plateau, locking.
 ANGLES = np.radians([0.0, 2.0, 10.0, 25.0, 40.0, 50.0])
@@ -161,3 +168,54 @@ def test_bad_coefficients(make, coefficients):
     """None at all, or not finite."""
     with pytest.raises(InputError, match="at least one coefficient, all of them finite"):
         make(coefficients)
+
+
+WIDTH = 1e-3
+
+
+@pytest.mark.parametrize("compression", [1.0, 0.5, 0.1, 0.01, 1e-4])
+def test_stiffness_in_compression(compression):
+    """The energy e^2/2 has the stiffness that is asked for, everywhere, so it is never negative."""
+    z = np.concatenate([np.linspace(-30, 30, 3001), [-1e-9, 0.0, 1e-9, -1.0, -1.0 - 1e-9]])
+    e, e1, e2 = effective_strains(1.0 + WIDTH * z, compression=compression, width=WIDTH)
+    stiffness = e1**2 + e * e2
+    expected = np.where(z >= 0, 1.0, compression + (1 - compression) * np.exp(np.minimum(z, 0)))
+    # 1 + strain is stored to 1e-16, a strain of 1e-3 to 1e-13
+    assert np.abs(stiffness - expected).max() < 1e-11
+    assert e[z >= 0] == pytest.approx(WIDTH * z[z >= 0], rel=1e-9, abs=1e-15)
+    assert e1.min() >= np.sqrt(compression) * (1 - 1e-12)
+
+
+@pytest.mark.parametrize("compression", [1.0, 0.1, 0.01])
+@pytest.mark.parametrize("log_strain", [False, True])
+def test_effective_strain_derivatives(compression, log_strain):
+    """First and second derivative, on both sides of rest and of the series, by differences."""
+    step = 1e-6 * WIDTH**0.5
+    s = np.concatenate([np.linspace(-0.4, 0.4, 41)[::2], WIDTH * np.linspace(-9.7, 3.7, 300)])
+    stretch = 1.0 + s[np.abs(s) > 2 * step]
+
+    def at(x):
+        return effective_strains(x, log_strain, compression, WIDTH)
+
+    _, first, second = at(stretch)
+    up, down = at(stretch + step), at(stretch - step)
+    # Truncation: step^2/WIDTH^2 of the derivative; rounding: 1e-16/step.
+    assert np.abs((up[0] - down[0]) / (2 * step) - first).max() < 1e-7
+    assert np.abs((up[1] - down[1]) / (2 * step) - second).max() < 1e-6 * max(
+        np.abs(second).max(), 1.0
+    )
+
+
+def test_logarithmic_strain():
+    """The logarithm of the stretch, exactly, where nothing softens."""
+    stretch = np.array([0.5, 1.0, 2.0])
+    e, first, second = effective_strains(stretch, log_strain=True)
+    assert e == pytest.approx(np.log(stretch))
+    assert first == pytest.approx(1 / stretch)
+    assert second == pytest.approx(-1 / stretch**2)
+
+
+def test_far_compression():
+    """The coupling of the families, linear in e, keeps the root of the ratio."""
+    _, first, _ = effective_strains([0.5], compression=0.01, width=1e-5)
+    assert first == pytest.approx(0.1, rel=1e-3)
