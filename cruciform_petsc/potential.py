@@ -83,7 +83,7 @@ def evaluate_law(data: np.ndarray, x: float) -> tuple[float, float, float]:
     return w, d if x >= 0.0 else -d, dd
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def softened_strain(s: float, compression: float, width: float) -> tuple[float, float, float]:
     """Effective strain e of a yarn that buckles, and its first and second derivative.
 
@@ -123,7 +123,7 @@ def softened_strain(s: float, compression: float, width: float) -> tuple[float, 
     return -width * root, -h1 / root, (h1 * h1 / twice - h2) / (root * width)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def effective_strain(
     stretch: float, log_strain: bool, compression: float, width: float
 ) -> tuple[float, float, float]:
@@ -139,7 +139,7 @@ def effective_strain(
     return e, e1 * s1, e2 * s1 * s1 + e1 * s2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _effective_strains(
     stretch: np.ndarray, log_strain: bool, compression: float, width: float
 ) -> np.ndarray:
