@@ -332,7 +332,7 @@ class FiniteNetwork:
 
     # -- energy, force, stiffness ---------------------------------------------------------------
 
-    def _chunks(self, x: np.ndarray, level: int):
+    def _chunks(self, x: np.ndarray, level: int, before: np.ndarray | None = None):
         """Results of the kernels, chunk by chunk: kind (0 cruciforms, 1 turns), rows, results."""
         c, t = self.cruciforms, self.turns
         for begin in range(0, len(c.rows), CHUNK):
@@ -340,6 +340,7 @@ class FiniteNetwork:
             yield 0, part, kernels.cruciforms(
                 x[c.nodes[part]], c.arm_length[part], c.area[part], self.cloth, level,
                 c.strain_source[part], c.turn_source[part], c.held[part],
+                None if before is None else before[c.nodes[part]],
             )  # fmt: skip
         for begin in range(0, len(t.nodes), CHUNK):
             part = slice(begin, begin + CHUNK)
@@ -379,7 +380,7 @@ class FiniteNetwork:
         return self.network.fabric.c11 + self.network.fabric.c22
 
     def stiffness(
-        self, x: np.ndarray, reuse: PETSc.Mat | None = None
+        self, x: np.ndarray, reuse: PETSc.Mat | None = None, before: np.ndarray | None = None
     ) -> tuple[PETSc.Mat, np.ndarray]:
         """Tangent matrix on the free unknowns, and the coupling to prescribed ones. Collective.
 
@@ -390,6 +391,8 @@ class FiniteNetwork:
         x : float (n_local, 2)
         reuse : PETSc.Mat, optional
             A matrix made here before, of which only the values change.
+        before : float (n_local, 2), optional
+            Positions before the step that led to x, see elements.energy.cruciforms.
 
         Returns
         -------
@@ -402,7 +405,7 @@ class FiniteNetwork:
             self._make_pattern()
         pattern = self._pattern
         blocks = pattern.empty_blocks()
-        for kind, part, (_, _, matrices) in self._chunks(x, STIFFNESS):
+        for kind, part, (_, _, matrices) in self._chunks(x, STIFFNESS, before):
             _add_blocks(blocks, pattern.slots[kind][part], matrices)
         at = self._turned_blocks
         row, column = self.frame[self._block_row[at]], self.frame[self._block_column[at]]
@@ -545,11 +548,12 @@ class FiniteNetwork:
         shares = c.area / np.maximum(c.area.sum(axis=1, keepdims=True), 1e-300)
         warp = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 0]])
         weft = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 1]])
-        e, e1 = kernels.effective_strains(1.0 + np.stack([warp, weft]), self.cloth)
-        tension = (
-            (fabric.warp_tension.evaluate(e[0])[1] + fabric.c12 * e[1]) * e1[0],
-            (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
-        )
+        law = [
+            kernels.tension_laws(data, 1.0 + strain, self.cloth)
+            for data, strain in ((self.cloth.warp, warp), (self.cloth.weft, weft))
+        ]
+        c12 = self.cloth.c12
+        tension = [law[f][1] + c12 * law[1 - f][3] * law[f][4] for f in (0, 1)]
         energy = {mode: np.zeros(n) for mode in MODES}
         for kind, part, (values, _, _) in self._chunks(x, ENERGY):
             if kind == 0:

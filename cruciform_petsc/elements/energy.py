@@ -6,8 +6,8 @@ energies, their gradients and their second derivatives go out. Nothing is small 
 
 Cruciform, points 1 to 4 the arm ends and 5 the hinge (docs/formulation.md, "Finite deformation"):
 
-    W = sum over quadrants ij of A_ij [ Phi_w(e_i) + Phi_e(e_j) + c12 e_i e_j + psi(gamma_ij) ]
-    e = p(s),  s = lambda - 1 or ln lambda,  lambda = |x_i - x_0| / a_i
+    W = sum over quadrants ij of A_ij [ Phi_w(s_i) + Phi_e(s_j) + c12 q(s_i) q(s_j) + psi(gamma_ij) ]
+    s = lambda - 1 or ln lambda,  lambda = |x_i - x_0| / a_i,  q(s) = s in tension
     gamma_ij = s_ij (90 deg - angle(t_i, t_j)),  s_ij = +1, -1, +1, -1 around the hinge
 
 Turn of a yarn at a point between two straight pieces d_1, d_2 (Hencky's bar-chain):
@@ -68,41 +68,70 @@ class Cloth:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def effective_strain(stretch, log_strain, slope, width):
-    """e = p(s(stretch)) and its first and second derivative with respect to the stretch.
+def tension_law(law, s, ratio, width):
+    """Energy Phi of a yarn family's strain s and what couples to the other family, q.
 
-    p(s) = s in tension; r s + (1 - r) d (exp(s/d) - 1) in compression, ``slope`` r, ``width`` d:
-    the slope falls smoothly from 1 to r, and so the stiffness from 1 to r^2 of its value.
+    In tension Phi is the law and q = s. In compression the stiffness falls smoothly, over a strain
+    ``width`` d, to the part ``ratio`` of its value at rest:
+
+        Phi'' = Phi''(0) m,  q' = sqrt(m),  m(s) = ratio + (1 - ratio) exp(s/d)
+
+    (q so, because a coupling that did not fall with the stiffness would make the energy unbounded).
+
+    Returns
+    -------
+    Phi, Phi', Phi'', q, q', q''
     """
-    if log_strain:
-        s, s1, s2 = np.log(stretch), 1.0 / stretch, -1.0 / stretch**2
-    else:
-        s, s1, s2 = stretch - 1.0, 1.0, 0.0
-    if s >= 0.0 or slope == 1.0:
-        return s, s1, s2
-    fall = np.exp(s / width)
-    p1 = slope + (1.0 - slope) * fall
-    p2 = (1.0 - slope) * fall / width
-    p = slope * s + (1.0 - slope) * width * (fall - 1.0)
-    return p, p1 * s1, p2 * s1 * s1 + p1 * s2
-
-
-def effective_strains(stretch: np.ndarray, cloth: Cloth) -> tuple[np.ndarray, np.ndarray]:
-    """e and de/d(stretch) of an array of stretches, each of its shape."""
-    result = np.empty((2, stretch.size))
-    _effective_strains(
-        np.ravel(stretch), cloth.log_strain, np.sqrt(cloth.compression), cloth.compression_width,
-        result,
-    )  # fmt: skip
-    e, slope = result.reshape(2, *stretch.shape)
-    return e, slope
+    if s >= 0.0 or ratio == 1.0:
+        w, w1, w2 = evaluate_law(law, s)
+        return w, w1, w2, s, 1.0, 0.0
+    _, _, c = evaluate_law(law, 0.0)
+    fall = (1.0 - ratio) * np.exp(s / width)
+    m, r = ratio + fall, np.sqrt(ratio)
+    y = np.sqrt(m)
+    w1 = c * (ratio * s + width * (fall - 1.0 + ratio))
+    w = c * (0.5 * ratio * s * s + width * (width * (fall - 1.0 + ratio) - (1.0 - ratio) * s))
+    q = r * s + 2.0 * width * (y - 1.0 + r * np.log((1.0 + r) / (y + r)))
+    return w, w1, c * m, q, y, 0.5 * fall / (width * y)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _effective_strains(stretch, log_strain, slope, width, result):
+def strain_of(stretch, log_strain):
+    """Strain of a stretch and its first and second derivative: engineering or logarithmic."""
+    if log_strain:
+        return np.log(stretch), 1.0 / stretch, -1.0 / stretch**2
+    return stretch - 1.0, 1.0, 0.0
+
+
+@numba.njit(cache=True)
+def _tension_laws(law, stretch, log_strain, ratio, width, result):
     for i in range(len(stretch)):
-        e, e1, _ = effective_strain(stretch[i], log_strain, slope, width)
-        result[0, i], result[1, i] = e, e1
+        s, s1, s2 = strain_of(stretch[i], log_strain)
+        w, w1, w2, q, q1, q2 = tension_law(law, s, ratio, width)
+        result[0, i], result[1, i], result[2, i] = w, w1 * s1, w2 * s1 * s1 + w1 * s2
+        result[3, i], result[4, i], result[5, i] = q, q1 * s1, q2 * s1 * s1 + q1 * s2
+
+
+def tension_laws(law: np.ndarray, stretch: np.ndarray, cloth: Cloth) -> np.ndarray:
+    """Phi and q of a family and their derivatives with respect to the stretch.
+
+    Parameters
+    ----------
+    law : float (k,)
+        cloth.warp or cloth.weft.
+    stretch : float array
+    cloth : Cloth
+
+    Returns
+    -------
+    float (6, ...)
+        Phi, Phi', Phi'', q, q', q''; see tension_law.
+    """
+    result = np.empty((6, stretch.size))
+    _tension_laws(
+        law, np.ravel(stretch), cloth.log_strain, cloth.compression, cloth.compression_width, result
+    )
+    return result.reshape(6, *stretch.shape)
 
 
 @lru_cache(maxsize=2)
@@ -112,43 +141,60 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
     @numba.njit(cache=True, error_model="numpy")
     def kernel(
-        x, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain, slope,
-        width, level, energy, force, stiffness,
+        x, before, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain,
+        ratio, width, level, energy, force, stiffness,
     ):  # fmt: skip
+        foretold = before.shape[0] > 0 and level == 2
         t, inverse = np.zeros((4, dim)), np.zeros(4)
-        e, e1, e2 = np.zeros(4), np.zeros(4), np.zeros(4)
+        # Phi and q of each arm and their derivatives with respect to its length.
         w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
-        pull, pull_slope = np.zeros(4), np.zeros((4, 4))  # dW/de, d2W/de de
+        q, q1, q2 = np.zeros(4), np.zeros(4), np.zeros(4)
+        v1, p, p1 = np.zeros(4), np.zeros(4), np.zeros(4)  # Phi', q, q' at the strain foretold
+        pull, told, pull_slope = np.zeros(4), np.zeros(4), np.zeros((4, 4))  # dW/dlength
         g, k = np.zeros((4, dim)), np.zeros((4, 4, dim, dim))  # on the arms as vectors
         ti, tj, pi, pj = np.zeros(dim), np.zeros(dim), np.zeros(dim), np.zeros(dim)
         for n in range(x.shape[0]):
             for arm in range(4):
-                inverse[arm] = e[arm] = w[arm] = w1[arm] = w2[arm] = pull[arm] = 0.0
+                inverse[arm] = pull[arm] = told[arm] = 0.0
+                w[arm] = w1[arm] = w2[arm] = q[arm] = q1[arm] = q2[arm] = 0.0
+                v1[arm] = p[arm] = p1[arm] = 0.0
                 for i in range(dim):
                     t[arm, i] = g[arm, i] = 0.0
-                if a[n, arm] > 0.0:
-                    length = 0.0
+                if a[n, arm] == 0.0:
+                    continue
+                length = 0.0
+                for i in range(dim):
+                    t[arm, i] = x[n, arm, i] - x[n, 4, i]
+                    length += t[arm, i] * t[arm, i]
+                length = np.sqrt(length)
+                inverse[arm] = 1.0 / length
+                for i in range(dim):
+                    t[arm, i] *= inverse[arm]
+                b = 1.0 / a[n, arm]
+                law = warp if arm % 2 == 0 else weft
+                s, s1, s2 = strain_of(length * b, log_strain)
+                s1, s2 = s1 * b, s2 * b * b
+                y, y1, y2, z, z1, z2 = tension_law(law, s, ratio, width)
+                w[arm], w1[arm], w2[arm] = y, y1 * s1, y2 * s1 * s1 + y1 * s2
+                q[arm], q1[arm], q2[arm] = z, z1 * s1, z2 * s1 * s1 + z1 * s2
+                if foretold:
+                    old, grown = 0.0, 0.0
                     for i in range(dim):
-                        t[arm, i] = x[n, arm, i] - x[n, 4, i]
-                        length += t[arm, i] * t[arm, i]
-                    length = np.sqrt(length)
-                    inverse[arm] = 1.0 / length
-                    for i in range(dim):
-                        t[arm, i] *= inverse[arm]
-                    b = 1.0 / a[n, arm]
-                    p, p1, p2 = effective_strain(length * b, log_strain, slope, width)
-                    e[arm], e1[arm], e2[arm] = p, p1 * b, p2 * b * b
-                    if arm % 2 == 0:
-                        w[arm], w1[arm], w2[arm] = evaluate_law(warp, p)
-                    else:
-                        w[arm], w1[arm], w2[arm] = evaluate_law(weft, p)
+                        d = before[n, arm, i] - before[n, 4, i]
+                        old += d * d
+                        grown += d * (x[n, arm, i] - x[n, 4, i] - d)
+                    old = np.sqrt(old)
+                    s, o1, _ = strain_of(old * b, log_strain)
+                    _, y1, y2, z, z1, z2 = tension_law(law, s + o1 * b * grown / old, ratio, width)
+                    v1[arm], w2[arm] = y1 * s1, y2 * s1 * s1 + y1 * s2
+                    p[arm], p1[arm], q2[arm] = z, z1 * s1, z2 * s1 * s1 + z1 * s2
             if level == 2:
-                for p_ in range(4):
-                    for q_ in range(4):
-                        pull_slope[p_, q_] = 0.0
+                for m in range(4):
+                    for o in range(4):
+                        pull_slope[m, o] = 0.0
                         for i in range(dim):
                             for j in range(dim):
-                                k[p_, q_, i, j] = 0.0
+                                k[m, o, i, j] = 0.0
             stretching, shearing = 0.0, 0.0
             for quadrant in range(4):
                 part = area[n, quadrant]
@@ -157,24 +203,29 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                 i_arm, j_arm = warp_arm[quadrant], weft_arm[quadrant]
                 # Tension of the two arms, or of those whose strain they take.
                 si, sj = strain_source[n, i_arm], strain_source[n, j_arm]
-                ei, ej = 0.0, 0.0
+                qi, qj, fi, fj = 0.0, 0.0, 0.0, 0.0
                 if si != held_source:
-                    ei = e[si]
-                    stretching += part * w[si]
-                    pull[si] += part * w1[si]
-                    pull_slope[si, si] += part * w2[si]
+                    qi, fi = q[si], p[si] if foretold else q[si]
                 if sj != held_source:
-                    ej = e[sj]
-                    stretching += part * w[sj]
-                    pull[sj] += part * w1[sj]
-                    pull_slope[sj, sj] += part * w2[sj]
-                    pull[sj] += part * c12 * ei
+                    qj, fj = q[sj], p[sj] if foretold else q[sj]
+                stretching += part * c12 * qi * qj
                 if si != held_source:
-                    pull[si] += part * c12 * ej
-                    if sj != held_source:
-                        stretching += part * c12 * ei * ej
-                        pull_slope[si, sj] += part * c12
-                        pull_slope[sj, si] += part * c12
+                    stretching += part * w[si]
+                    pull[si] += part * (w1[si] + c12 * qj * q1[si])
+                    told[si] += part * (v1[si] + c12 * fj * p1[si])
+                    pull_slope[si, si] += part * (w2[si] + c12 * fj * q2[si])
+                if sj != held_source:
+                    stretching += part * w[sj]
+                    pull[sj] += part * (w1[sj] + c12 * qi * q1[sj])
+                    told[sj] += part * (v1[sj] + c12 * fi * p1[sj])
+                    pull_slope[sj, sj] += part * (w2[sj] + c12 * fi * q2[sj])
+                    if si != held_source:
+                        if foretold:
+                            both = part * c12 * p1[si] * p1[sj]
+                        else:
+                            both = part * c12 * q1[si] * q1[sj]
+                        pull_slope[si, sj] += both
+                        pull_slope[sj, si] += both
                 # Shear between the directions of the two arms, or of those they take theirs from.
                 ri, rj = turn_source[n, i_arm], turn_source[n, j_arm]
                 sign_i, sign_j = 1.0, 1.0
@@ -238,36 +289,34 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
             for i in range(dim):
                 force[n, 4, i] = 0.0
                 for arm in range(4):
-                    force[n, arm, i] = g[arm, i] + pull[arm] * e1[arm] * t[arm, i]
+                    force[n, arm, i] = g[arm, i] + pull[arm] * t[arm, i]
                     force[n, 4, i] -= force[n, arm, i]
             if level == 1:
                 continue
             for arm in range(4):
                 if inverse[arm] == 0.0:
                     continue
-                across = pull[arm] * e1[arm] * inverse[arm]
-                along = pull[arm] * e2[arm] - across
+                across = (told[arm] if foretold else pull[arm]) * inverse[arm]
                 for i in range(dim):
                     k[arm, arm, i, i] += across
                     for j in range(dim):
-                        k[arm, arm, i, j] += along * t[arm, i] * t[arm, j]
-            for p_ in range(4):
-                for q_ in range(4):
-                    h = pull_slope[p_, q_] * e1[p_] * e1[q_]
+                        k[arm, arm, i, j] -= across * t[arm, i] * t[arm, j]
+            for m in range(4):
+                for o in range(4):
                     for i in range(dim):
                         for j in range(dim):
-                            k[p_, q_, i, j] += h * t[p_, i] * t[q_, j]
+                            k[m, o, i, j] += pull_slope[m, o] * t[m, i] * t[o, j]
             for i in range(dim):
                 for j in range(dim):
                     total = 0.0
-                    for p_ in range(4):
+                    for m in range(4):
                         row, column = 0.0, 0.0
-                        for q_ in range(4):
-                            stiffness[n, p_, i, q_, j] = k[p_, q_, i, j]
-                            row += k[p_, q_, i, j]
-                            column += k[q_, p_, i, j]
-                        stiffness[n, p_, i, 4, j] = -row
-                        stiffness[n, 4, i, p_, j] = -column
+                        for o in range(4):
+                            stiffness[n, m, i, o, j] = k[m, o, i, j]
+                            row += k[m, o, i, j]
+                            column += k[o, m, i, j]
+                        stiffness[n, m, i, 4, j] = -row
+                        stiffness[n, 4, i, m, j] = -column
                         total += row
                     stiffness[n, 4, i, 4, j] = total
 
@@ -276,7 +325,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
 def cruciforms(
     x, a, area, cloth: Cloth, level: int = STIFFNESS, strain_source=None, turn_source=None,
-    held=None, out=None,
+    held=None, before=None, out=None,
 ):  # fmt: skip
     """Energy, force and stiffness of cruciforms.
 
@@ -296,6 +345,12 @@ def cruciforms(
         the direction in ``held``. By default its own.
     held : float (n, 4, dim), optional
         Unit vectors.
+    before : float (n, 5, dim), optional
+        Positions from which the last step led to x. The tensions in the stiffness are then those
+        that were foretold there to first order, which is Newton's method on the mixed problem with
+        tensions as unknowns (Magisano, Leonetti and Garcea 2017: "mixed integration points").
+        Stiff yarns that turn in a step stretch to second order; their true tensions would spoil
+        the stiffness by far more than the step has changed it. Energy and force do not change.
     out : tuple of arrays, optional
         Where to put the results.
 
@@ -310,12 +365,12 @@ def cruciforms(
     if out is None:
         out = _room(n, 2, 5, dim, level)
     _cruciform_kernel(dim)(
-        x, a, area,
+        x, np.empty((0, 5, dim)) if before is None else before, a, area,
         np.ascontiguousarray(own if strain_source is None else strain_source, np.int64),
         np.ascontiguousarray(own if turn_source is None else turn_source, np.int64),
         np.zeros((n, 4, dim)) if held is None else held,
         cloth.warp, cloth.weft, cloth.shear, cloth.c12, cloth.log_strain,
-        np.sqrt(cloth.compression), cloth.compression_width, level, *out,
+        cloth.compression, cloth.compression_width, level, *out,
     )  # fmt: skip
     return out
 

@@ -34,6 +34,7 @@ DIRECT = {
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
 }
+MEMORY = 2  # earlier steps whose energies may be reached again
 FIRST_SHIFT, LAST_SHIFT = 1e-7, 1e2  # of the diagonal
 
 Motions = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -171,7 +172,9 @@ class Equilibrium:
         result.setArray(np.where(self.model.free[:owned], force[:owned], 0.0).ravel())
 
     def _jacobian(self, snes, vector, matrix, _preconditioner) -> None:
-        _, self._blocks = self.model.stiffness(self._positions(vector), reuse=matrix)
+        x = self._positions(vector)
+        _, self._blocks = self.model.stiffness(x, reuse=matrix, before=self._before)
+        self._before = x
 
     def _tolerance(self) -> float:
         """What residual is called none, N."""
@@ -250,6 +253,10 @@ class Equilibrium:
         """How much of the step to take: the energy falls, or forces along it do near the end."""
         trial = vector.duplicate()
         length = 1.0
+        # The energy may rise over the last few steps' (Grippo, Lampariello and Lucidi 1986): tensions
+        # foretold run ahead of it while stiff yarns turn.
+        self._merits = [*self._merits[-MEMORY:], merit]
+        highest = max(self._merits)
         # Near equilibrium differences of energies are rounding; then the slope alone tells.
         noise = 1e-13 * (abs(merit) + self.model.typical_stiffness * self._extent**2 * 1e-8)
         for _ in range(25):
@@ -262,7 +269,7 @@ class Equilibrium:
             )  # fmt: skip
             along = self.model.comm.allreduce(along)  # minus the slope of the energy there
             if np.isfinite(there):
-                if there <= merit - 1e-4 * length * slope:
+                if there <= highest - 1e-4 * length * slope:
                     break
                 if there <= merit + noise and abs(along) <= 0.9 * slope:
                     break
@@ -289,6 +296,8 @@ class Equilibrium:
         begin = time.perf_counter()
         self._history: list[float] = []
         self._last, self.shifted, self._support = None, 0, 0.0
+        self._before: np.ndarray | None = None
+        self._merits: list[float] = []
         self._vector.set(0.0)
         self.snes.solve(None, self._vector)
         reason = self.snes.getConvergedReason()
