@@ -548,12 +548,11 @@ class FiniteNetwork:
         shares = c.area / np.maximum(c.area.sum(axis=1, keepdims=True), 1e-300)
         warp = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 0]])
         weft = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 1]])
-        law = [
-            kernels.tension_laws(data, 1.0 + strain, self.cloth)
-            for data, strain in ((self.cloth.warp, warp), (self.cloth.weft, weft))
-        ]
-        c12 = self.cloth.c12
-        tension = [law[f][1] + c12 * law[1 - f][3] * law[f][4] for f in (0, 1)]
+        e, e1, _ = fabric.effective_strain(1.0 + np.stack([warp, weft]))
+        tension = (
+            (fabric.warp_tension.evaluate(e[0])[1] + fabric.c12 * e[1]) * e1[0],
+            (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
+        )
         energy = {mode: np.zeros(n) for mode in MODES}
         for kind, part, (values, _, _) in self._chunks(x, ENERGY):
             if kind == 0:

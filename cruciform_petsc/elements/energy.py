@@ -6,8 +6,8 @@ energies, their gradients and their second derivatives go out. Nothing is small 
 
 Cruciform, points 1 to 4 the arm ends and 5 the hinge (docs/formulation.md, "Finite deformation"):
 
-    W = sum over quadrants ij of A_ij [ Phi_w(s_i) + Phi_e(s_j) + c12 q(s_i) q(s_j) + psi(gamma_ij) ]
-    s = lambda - 1 or ln lambda,  lambda = |x_i - x_0| / a_i,  q(s) = s in tension
+    W = sum over quadrants ij of A_ij [ Phi_w(e_i) + Phi_e(e_j) + c12 e_i e_j + psi(gamma_ij) ]
+    e = effective strain of the stretch |x_i - x_0| / a_i (potential.effective_strain)
     gamma_ij = s_ij (90 deg - angle(t_i, t_j)),  s_ij = +1, -1, +1, -1 around the hinge
 
 Turn of a yarn at a point between two straight pieces d_1, d_2 (Hencky's bar-chain):
@@ -29,7 +29,7 @@ import numba
 import numpy as np
 
 from ..lattice import QUADRANTS
-from ..potential import evaluate_law
+from ..potential import effective_strain, evaluate_law
 from .kinematics import HELD
 
 _WARP_ARM = tuple(int(i) for i in QUADRANTS[:, 0])
@@ -67,73 +67,6 @@ class Cloth:
     compression_width: float = 1e-4
 
 
-@numba.njit(cache=True, error_model="numpy")
-def tension_law(law, s, ratio, width):
-    """Energy Phi of a yarn family's strain s and what couples to the other family, q.
-
-    In tension Phi is the law and q = s. In compression the stiffness falls smoothly, over a strain
-    ``width`` d, to the part ``ratio`` of its value at rest:
-
-        Phi'' = Phi''(0) m,  q' = sqrt(m),  m(s) = ratio + (1 - ratio) exp(s/d)
-
-    (q so, because a coupling that did not fall with the stiffness would make the energy unbounded).
-
-    Returns
-    -------
-    Phi, Phi', Phi'', q, q', q''
-    """
-    if s >= 0.0 or ratio == 1.0:
-        w, w1, w2 = evaluate_law(law, s)
-        return w, w1, w2, s, 1.0, 0.0
-    _, _, c = evaluate_law(law, 0.0)
-    fall = (1.0 - ratio) * np.exp(s / width)
-    m, r = ratio + fall, np.sqrt(ratio)
-    y = np.sqrt(m)
-    w1 = c * (ratio * s + width * (fall - 1.0 + ratio))
-    w = c * (0.5 * ratio * s * s + width * (width * (fall - 1.0 + ratio) - (1.0 - ratio) * s))
-    q = r * s + 2.0 * width * (y - 1.0 + r * np.log((1.0 + r) / (y + r)))
-    return w, w1, c * m, q, y, 0.5 * fall / (width * y)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def strain_of(stretch, log_strain):
-    """Strain of a stretch and its first and second derivative: engineering or logarithmic."""
-    if log_strain:
-        return np.log(stretch), 1.0 / stretch, -1.0 / stretch**2
-    return stretch - 1.0, 1.0, 0.0
-
-
-@numba.njit(cache=True)
-def _tension_laws(law, stretch, log_strain, ratio, width, result):
-    for i in range(len(stretch)):
-        s, s1, s2 = strain_of(stretch[i], log_strain)
-        w, w1, w2, q, q1, q2 = tension_law(law, s, ratio, width)
-        result[0, i], result[1, i], result[2, i] = w, w1 * s1, w2 * s1 * s1 + w1 * s2
-        result[3, i], result[4, i], result[5, i] = q, q1 * s1, q2 * s1 * s1 + q1 * s2
-
-
-def tension_laws(law: np.ndarray, stretch: np.ndarray, cloth: Cloth) -> np.ndarray:
-    """Phi and q of a family and their derivatives with respect to the stretch.
-
-    Parameters
-    ----------
-    law : float (k,)
-        cloth.warp or cloth.weft.
-    stretch : float array
-    cloth : Cloth
-
-    Returns
-    -------
-    float (6, ...)
-        Phi, Phi', Phi'', q, q', q''; see tension_law.
-    """
-    result = np.empty((6, stretch.size))
-    _tension_laws(
-        law, np.ravel(stretch), cloth.log_strain, cloth.compression, cloth.compression_width, result
-    )
-    return result.reshape(6, *stretch.shape)
-
-
 @lru_cache(maxsize=2)
 def _cruciform_kernel(dim: int) -> Callable[..., None]:
     """Compile the cruciform for positions in ``dim`` dimensions."""
@@ -146,7 +79,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
     ):  # fmt: skip
         foretold = before.shape[0] > 0 and level == 2
         t, inverse = np.zeros((4, dim)), np.zeros(4)
-        # Phi and q of each arm and their derivatives with respect to its length.
+        # Phi and the effective strain q of each arm, and their derivatives by its length.
         w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
         q, q1, q2 = np.zeros(4), np.zeros(4), np.zeros(4)
         v1, p, p1 = np.zeros(4), np.zeros(4), np.zeros(4)  # Phi', q, q' at the strain foretold
@@ -172,11 +105,11 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     t[arm, i] *= inverse[arm]
                 b = 1.0 / a[n, arm]
                 law = warp if arm % 2 == 0 else weft
-                s, s1, s2 = strain_of(length * b, log_strain)
-                s1, s2 = s1 * b, s2 * b * b
-                y, y1, y2, z, z1, z2 = tension_law(law, s, ratio, width)
-                w[arm], w1[arm], w2[arm] = y, y1 * s1, y2 * s1 * s1 + y1 * s2
-                q[arm], q1[arm], q2[arm] = z, z1 * s1, z2 * s1 * s1 + z1 * s2
+                z, z1, z2 = effective_strain(length * b, log_strain, ratio, width)
+                z1, z2 = z1 * b, z2 * b * b
+                y, y1, y2 = evaluate_law(law, z)
+                w[arm], w1[arm], w2[arm] = y, y1 * z1, y2 * z1 * z1 + y1 * z2
+                q[arm], q1[arm], q2[arm] = z, z1, z2
                 if foretold:
                     old, grown = 0.0, 0.0
                     for i in range(dim):
@@ -184,10 +117,12 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                         old += d * d
                         grown += d * (x[n, arm, i] - x[n, 4, i] - d)
                     old = np.sqrt(old)
-                    s, o1, _ = strain_of(old * b, log_strain)
-                    _, y1, y2, z, z1, z2 = tension_law(law, s + o1 * b * grown / old, ratio, width)
-                    v1[arm], w2[arm] = y1 * s1, y2 * s1 * s1 + y1 * s2
-                    p[arm], p1[arm], q2[arm] = z, z1 * s1, z2 * s1 * s1 + z1 * s2
+                    stretch = max(b * (old + grown / old), 1e-3)
+                    z, z1, z2 = effective_strain(stretch, log_strain, ratio, width)
+                    z1, z2 = z1 * b, z2 * b * b
+                    y, y1, y2 = evaluate_law(law, z)
+                    v1[arm], w2[arm] = y1 * z1, y2 * z1 * z1 + y1 * z2
+                    p[arm], p1[arm], q2[arm] = z, z1, z2
             if level == 2:
                 for m in range(4):
                     for o in range(4):
