@@ -15,33 +15,48 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from .case import Case
     from .errors import CruciformError, InputError, SolverError
-    from .experiments.bias_extension import BiasExtension, BiasExtensionResult
+    from .experiments.bias_extension import BiasExtension, Pantograph
+    from .experiments.biaxial import Biaxial
+    from .experiments.cantilever import Cantilever
+    from .experiments.off_axis import OffAxisTension
+    from .experiments.picture_frame import PictureFrame
+    from .experiments.result import TestResult
     from .fabric import Fabric, YarnFamily
     from .network import Network
     from .preform import Preform
 
 _HOME = {
     "BiasExtension": "experiments.bias_extension",
-    "BiasExtensionResult": "experiments.bias_extension",
+    "Biaxial": "experiments.biaxial",
+    "Cantilever": "experiments.cantilever",
     "Case": "case",
     "CruciformError": "errors",
     "Fabric": "fabric",
     "InputError": "errors",
     "Network": "network",
+    "OffAxisTension": "experiments.off_axis",
+    "Pantograph": "experiments.bias_extension",
+    "PictureFrame": "experiments.picture_frame",
     "Preform": "preform",
     "SolverError": "errors",
+    "TestResult": "experiments.result",
     "YarnFamily": "fabric",
 }
 __all__ = [
     "BiasExtension",
-    "BiasExtensionResult",
+    "Biaxial",
+    "Cantilever",
     "Case",
     "CruciformError",
     "Fabric",
     "InputError",
     "Network",
+    "OffAxisTension",
+    "Pantograph",
+    "PictureFrame",
     "Preform",
     "SolverError",
+    "TestResult",
     "YarnFamily",
 ]
 

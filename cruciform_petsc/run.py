@@ -19,7 +19,8 @@ from mpi4py import MPI
 from . import __version__
 from .assembly import MODES
 from .case import Case
-from .experiments.bias_extension import BiasExtension, BiasExtensionResult
+from .experiments.bias_extension import BiasExtension
+from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
 from .units import format_si
@@ -128,7 +129,7 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
         result.solver.iterations,
         result.solver.relative_residual,
     )
-    hanging = comm.allreduce(result.linear.supports.num_hanging)
+    hanging = comm.allreduce(result.supports.num_hanging)
     if hanging:
         log.info("           %d crossovers hang on by one arm end and carry no load", hanging)
 
@@ -191,7 +192,7 @@ def _petsc_version() -> tuple[int, ...]:
     return PETSc.Sys.getVersion()
 
 
-def _summary(case: Case, result: BiasExtensionResult, statistics: dict, hanging: int) -> dict:
+def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> dict:
     """The figures of a run; lists where the case asked for a list. Collective."""
     curve = result.curve()
 
@@ -203,7 +204,7 @@ def _summary(case: Case, result: BiasExtensionResult, statistics: dict, hanging:
         "title": case.title,
         "ranks": comm.size,
         "crossovers": statistics["crossovers"],
-        "dofs": result.linear.unknowns_per_node * statistics["nodes"],
+        "dofs": result.unknowns_per_node * statistics["nodes"],
         "load_n": values(curve["load_N"]),
         "extension_m": values(1e-3 * curve["extension_mm"]),
         "shear_centre_deg": values(curve["shear_centre_deg"]),

@@ -13,13 +13,13 @@ from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
     from ..continuum.membrane import MembraneResult
-    from ..experiments.bias_extension import BiasExtensionResult
+    from ..experiments.result import TestResult
 
 
 def draw_all(
     directory: Path,
-    result: BiasExtensionResult,
-    without: BiasExtensionResult | None,
+    result: TestResult,
+    without: TestResult | None,
     membrane: MembraneResult | None,
     summary: dict[str, Any],
 ) -> None:
@@ -28,8 +28,8 @@ def draw_all(
     Parameters
     ----------
     directory : Path
-    result : BiasExtensionResult
-    without : BiasExtensionResult, optional
+    result : TestResult
+    without : TestResult, optional
         The same without yarn bending.
     membrane : MembraneResult, optional
     summary : dict
@@ -78,7 +78,7 @@ def draw_all(
         )
 
 
-def draw_yarns(path: str | Path, result: BiasExtensionResult, title: str = "") -> YarnSample | None:
+def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
     """Draw the yarns before and after; returns what was drawn (rank 0). Collective."""
     sample = _yarns(result)
     pictures.yarns_before_and_after(
@@ -87,11 +87,11 @@ def draw_yarns(path: str | Path, result: BiasExtensionResult, title: str = "") -
     return sample
 
 
-def _yarns(result: BiasExtensionResult) -> YarnSample | None:
+def _yarns(result: TestResult) -> YarnSample | None:
     return sample_yarns(result.network, result.node_displacement, result.fields)
 
 
-def _clamps(result: BiasExtensionResult) -> list:
+def _clamps(result: TestResult) -> list:
     """Edges with their motion: the lower one, and the upper one if it is gripped."""
     preform = result.network.preform
     clamps = [(preform.edge("lower"), (0.0, 0.0))]

@@ -61,6 +61,8 @@ class Increment:
         Steps for which the tangent was indefinite, or did not lead downhill, and was mended.
     linear_iterations : int
     seconds : float
+    load : float
+        Of the test, N, once it has been measured.
     asked : bool
         Whether the control is one that was asked for, rather than a step on the way.
     """
@@ -74,6 +76,7 @@ class Increment:
     shifted: int = 0
     linear_iterations: int = 0
     seconds: float = 0.0
+    load: float = float("nan")
     asked: bool = False
 
 
@@ -84,11 +87,14 @@ class EquilibriumError(SolverError):
     ----------
     place : float (2,) or None
         Where the forces are farthest from balance, x and y in m.
+    result : TestResult or None
+        What an experiment had reached.
     """
 
     def __init__(self, message, reason, history, place=None):
         super().__init__(message, reason, history)
         self.place = place
+        self.result: Any = None
 
 
 class Equilibrium:
@@ -426,7 +432,6 @@ def follow(
             except EquilibriumError as error:
                 allowed = 0.5 * abs(next_control - path.control)
                 if allowed < most * 0.5**most_cuts:
-                    error.control = path.control
                     raise
                 continue
             increment.asked = next_control == target
@@ -434,7 +439,7 @@ def follow(
             if accepted is not None:
                 accepted(increment, equilibrium.x)
             if increment.iterations <= 8:
-                allowed = min(most, 2.0 * abs(next_control - done[-2].control if len(done) > 1 else next_control))
+                allowed = min(most, 2.0 * allowed)
     return done
 
 
@@ -450,13 +455,17 @@ class Path:
         """Of the last accepted state."""
         return self.states[-1][0]
 
-    def advance(self, control: float) -> Increment:
-        """Solve at a control; on failure everything is as it was. Collective."""
+    def advance(self, control: float, guess: np.ndarray | None = None) -> Increment:
+        """Solve at a control; on failure everything is as it was. Collective.
+
+        ``guess``: positions to start from, in place of those extrapolated.
+        """
         equilibrium, model = self.equilibrium, self.equilibrium.model
         motions, factor = self.drive(control)
         before = (equilibrium.x, equilibrium.load_factor)
         try:
-            guess = self._guess(control, motions)
+            if guess is None:
+                guess = self._guess(control, motions)
             model.prescribe(guess, motions)
             equilibrium.x, equilibrium.load_factor = guess, factor
             increment = equilibrium.solve(control)

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: MIT
+"""Biaxial tension along the yarns, at a ratio of strains."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..constraints import Constraints
+from ..errors import InputError
+from ..network import Network
+from .base import Experiment, Grip
+from .result import TestResult
+
+
+class Biaxial(Experiment):
+    """A rectangle along the yarns, stretched in both directions; its edges slide along themselves.
+
+    Parameters
+    ----------
+    network : Network
+    strain : str, float or sequence of them
+        Engineering strain along the warp, "1 %" or 0.01.
+    ratio : float
+        Strain along the weft over that along the warp.
+    **options
+        See Experiment.
+    """
+
+    kind = "biaxial"
+    control = "strain"
+    unit = "1"
+    column = ("strain_warp_percent", 0.01)
+
+    def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):
+        super().__init__(network, strain, **options)
+        rotation = network.preform.rotation
+        if not (np.isclose(rotation, 0.0, atol=1e-9) | np.isclose(abs(rotation), 1.0)).all():
+            raise InputError("a biaxial test needs yarns along its edges: bias angle 0 or 90 deg")
+        self.ratio = float(ratio)
+        if (1.0 + np.outer(self.values, [1.0, self.ratio]) <= 0.0).any():
+            raise InputError("a strain of -100 % or below leaves no cloth")
+        # Warp along y for a bias angle of 0.
+        self._warp_axis = int(abs(rotation[0, 1]) > 0.5)
+
+    def grip(self, constraints: Constraints) -> list[Grip]:
+        """Guide all four edges across themselves; corners are then held. Collective."""
+        grips = []
+        for edge, direction in (("lower", (0, 1)), ("upper", (0, 1)), ("left", (1, 0)),
+                                ("right", (1, 0))):  # fmt: skip
+            grips.append(Grip(edge, constraints.guide(edge, direction, 0.0)))
+        count = np.zeros(self.network.num_nodes_local, int)
+        for grip in grips:
+            count[grip.nodes] += 1
+        constraints.fixed[count > 1, :2] = True
+        return grips
+
+    def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch about the middle."""
+        low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
+        middle = 0.5 * np.array([low_x + high_x, low_y + high_y])
+        stretch = np.array([1.0 + control * self.ratio] * 2)
+        stretch[self._warp_axis] = 1.0 + control
+        return np.diag(stretch), middle - stretch * middle
+
+    def _along(self, result: TestResult, axis: int) -> np.ndarray:
+        """Mean force on the two edges across an axis, N; (n,)."""
+        low, high = (("left", "right"), ("lower", "upper"))[axis]
+        forces = [0.5 * (s.forces[high][axis] - s.forces[low][axis]) for s in result.states]
+        return np.array(forces)
+
+    def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
+        """Strain along the weft, and tension of both families per width at rest."""
+        width = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
+        warp, weft = self._warp_axis, 1 - self._warp_axis
+        return {
+            "strain_weft_percent": 100.0 * result.controls * self.ratio,
+            "tension_warp_N_per_cm": self._along(result, warp) / width[weft] / 100.0,
+            "tension_weft_N_per_cm": self._along(result, weft) / width[warp] / 100.0,
+        }
+
+    def load_of(self, work: float, control: float) -> float:
+        """Force that does the work of both directions on the warp's own extension, N."""
+        length = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
+        return work / float(length[self._warp_axis])

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Cantilever: a strip along its yarns, clamped at one end, bent in its plane by a load at the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..constraints import Constraints
+from ..errors import InputError
+from ..network import Network
+from .base import Experiment, Grip
+from .result import TestResult
+
+
+class Cantilever(Experiment):
+    """In-plane bending of a strip: lower edge clamped, a dead load across it on the upper edge.
+
+    Parameters
+    ----------
+    network : Network
+    load : str, float or sequence of them
+        Force along x, with units or in newtons.
+    **options
+        See Experiment.
+    """
+
+    kind = "cantilever"
+    control = "load"
+    unit = "N"
+    column = ("load_N", 1.0)
+
+    def __init__(self, network: Network, load: Any, **options: Any):
+        super().__init__(network, load, **options)
+        if not self.bending:
+            raise InputError("a cantilever test is one of yarn bending: bending must be true")
+
+    def grip(self, constraints: Constraints) -> list[Grip]:
+        """Clamp the lower edge, put a load of 1 N along x on the upper one. Collective."""
+        segments = self.network.preform.edge("upper")
+        length = np.hypot(*(segments[:, 1] - segments[:, 0]).T).sum()
+        constraints.line_load("upper", (1.0 / length, 0.0))
+        self._tip = constraints.nodes_on("upper")
+        return [Grip("lower", constraints.clamp("lower"))]
+
+    def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
+        """The clamp stays."""
+        return np.eye(2), np.zeros(2)
+
+    def load_factor(self, control: float) -> float:
+        """The control is the load."""
+        return control
+
+    def load_of(self, work: float, control: float) -> float:
+        """The control is the load."""
+        return control
+
+    def tip(self, result: TestResult) -> np.ndarray:
+        """Mean displacement (x, y) of the loaded edge in each state, m; (n, 2). Collective."""
+        comm, owned = self.network.comm, self.network.num_nodes_owned
+        nodes = self._tip[self._tip < owned]
+        count = comm.allreduce(len(nodes))
+        sums = np.array([state.node_displacement[nodes].sum(axis=0) for state in result.states])
+        return comm.allreduce(sums) / count
+
+    def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
+        """Where the loaded edge has gone."""
+        tip = 1e3 * self.tip(result)
+        return {"tip_across_mm": tip[:, 0], "tip_along_mm": tip[:, 1]}

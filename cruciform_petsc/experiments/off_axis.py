@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""Off-axis tension: a strip pulled at any angle to its yarns; its modulus against Kilby's formula."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..constraints import Constraints
+from ..errors import InputError
+from ..network import Network
+from .base import PULL, Grip
+from .bias_extension import BiasExtension
+from .result import TestResult
+
+
+class OffAxisTension(BiasExtension):
+    """Tension of a strip cut at any angle, y being the direction of pull.
+
+    Parameters
+    ----------
+    network : Network
+    extension, load
+        As for BiasExtension.
+    ends : "grip" or "free"
+        Gripped; or free to contract and to slide across the pull, as in a test on a long strip:
+        only how far the ends move along it is prescribed.
+    **options
+        See Experiment.
+    """
+
+    kind = "off-axis-tension"
+
+    def __init__(
+        self,
+        network: Network,
+        extension: Any = None,
+        load: Any = None,
+        *,
+        ends: str = "grip",
+        **options: Any,
+    ):
+        if ends not in ("grip", "free"):
+            raise InputError(f"ends is '{ends}'; it can be 'grip' or 'free'")
+        super().__init__(network, extension, load, **options)
+        self.ends = ends
+
+    def grip(self, constraints: Constraints) -> list[Grip]:
+        """Clamp both ends; or guide both, and hold one point across the pull. Collective."""
+        if self.ends == "grip":
+            return super().grip(constraints)
+        grips = [
+            Grip(edge, constraints.guide(edge, PULL, 0.0)) for edge in ("lower", "upper")
+        ]
+        # One yarn end in the middle of the lower edge keeps the strip from sliding off sideways.
+        network = self.network
+        nodes = grips[0].nodes
+        nodes = nodes[nodes < network.num_nodes_owned]
+        low_x, _, high_x, _ = network.preform.outline.bounds
+        off = np.abs(network.node_position[nodes, 0] - 0.5 * (low_x + high_x))
+        best = min(
+            network.comm.allgather(
+                min(zip(np.round(off, 12).tolist(), network.node_key[nodes].tolist(), strict=True),
+                    default=(np.inf, -1))
+            )
+        )  # fmt: skip
+        constraints.pin(best[1], (1,))
+        return grips
+
+    def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
+        """Mean strain and stress over the strip: its curve apart from its size."""
+        low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
+        return {
+            "strain_percent": 100.0 * result.controls / (high_y - low_y),
+            "stress_N_per_cm": result.loads / (high_x - low_x) / 100.0,
+        }
+
+    def figures(self, result: TestResult) -> dict[str, Any]:
+        """Modulus of the first state, and Kilby's for small displacements and free sides."""
+        curve = self.extra_columns(result)
+        modulus = curve["stress_N_per_cm"][0] / curve["strain_percent"][0] * 1e2
+        kilby = self.network.fabric.off_axis_modulus(self.network.preform.bias_angle)
+        return {"modulus_n_per_cm": float(modulus), "kilby_n_per_cm": float(kilby) / 100.0}

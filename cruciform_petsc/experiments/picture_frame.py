@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: MIT
+"""Picture frame: cloth in a frame of four hinged sides along its yarns, pulled at two corners."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..constraints import Constraints
+from ..errors import InputError
+from ..network import Network
+from .base import Experiment, Grip
+from .result import TestResult
+
+SMALL = 1e-5  # rad
+EDGES = ("lower", "upper", "left", "right")
+
+
+class PictureFrame(Experiment):
+    """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
+
+    The frame turns the yarns it holds with its sides, so that the cloth shears uniformly as far as
+    the clamps are concerned.
+
+    Parameters
+    ----------
+    network : Network
+    angle : str, float or sequence of them
+        Shear angle of the frame, 90 degrees less the angle between its sides; with units or in
+        radians. Positive where warp and weft close.
+    **options
+        See Experiment.
+    """
+
+    kind = "picture-frame"
+    control = "angle"
+    unit = "rad"
+    column = ("angle_deg", np.pi / 180.0)
+
+    def __init__(self, network: Network, angle: Any, **options: Any):
+        super().__init__(network, angle, **options)
+        if (np.abs(self.values) >= 0.5 * np.pi).any():
+            raise InputError("a picture frame's shear angle must be less than 90 deg")
+        along = np.abs(network.preform.rotation)
+        if not (np.isclose(along, 0.0, atol=1e-9) | np.isclose(along, 1.0)).all():
+            raise InputError("a picture frame needs yarns along its sides: bias angle 0 or 90 deg")
+        self._sides = np.ptp(np.reshape(network.preform.outline.bounds, (2, 2)), axis=0)
+
+    def grip(self, constraints: Constraints) -> list[Grip]:
+        """Clamp all four sides. Collective."""
+        return [Grip(edge, constraints.clamp(edge)) for edge in EDGES]
+
+    def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
+        """All sides follow one shear about the middle of the frame, without stretch along them."""
+        preform = self.network.preform
+        c, s = np.cos(0.5 * control), np.sin(0.5 * control)
+        gradient = preform.rotation.T @ np.array([[c, s], [s, c]]) @ preform.rotation
+        low_x, low_y, high_x, high_y = preform.outline.bounds
+        middle = 0.5 * np.array([low_x + high_x, low_y + high_y])
+        return gradient, middle - gradient @ middle
+
+    def default_step(self) -> float:
+        """Ten degrees."""
+        return np.pi / 18.0
+
+    def _solve_small(self) -> TestResult:
+        """Small displacements in proportion to a frame closed by a hundred-thousandth of a radian.
+
+        The clamps turn the yarns that they hold, which only the finite network can express.
+        """
+        small = PictureFrame(
+            self.network, SMALL, finite=True, bending=self.bending, options=self.options
+        )
+        result = small.solve()
+        states = [result.states[0].scaled(angle / SMALL) for angle in self.values]
+        return replace(result, experiment=self, states=states)
+
+    def diagonal(self, control: float) -> float:
+        """Length of the frame's longer diagonal, between the pulled corners, m."""
+        a, b = self._sides
+        return float(np.sqrt(a * a + b * b + 2.0 * a * b * np.sin(abs(control))))
+
+    def load_of(self, work: float, control: float) -> float:
+        """Cross-head force: work per angle over diagonal per angle; d = 2 L cos(theta) if square."""
+        a, b = self._sides
+        return work * self.diagonal(control) / (a * b * np.cos(control))
+
+    def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
+        """Cross-head displacement, and the shear force per length of the usual evaluation."""
+        rest = self.diagonal(0.0)
+        if self.finite:
+            d = np.array([self.diagonal(control) for control in result.controls])
+        else:
+            d = np.full(len(result.controls), rest)
+        a, b = self._sides
+        # F/(2 L cos theta) of a square frame of side L, d = 2 L cos(theta).
+        force = result.loads / d
+        moved = d - rest if self.finite else result.controls * a * b / rest
+        return {"crosshead_mm": 1e3 * moved, "shear_force_N_per_mm": 1e-3 * force}
