@@ -152,7 +152,7 @@ class FiniteNetwork:
         self._make_turns()
         # How clamps have moved the directions they hold: gradient of the motion at network nodes.
         self._clamp_gradient = np.tile(np.eye(2), (network.num_nodes_local, 1, 1))
-        self._pattern: BlockPattern | None = None
+        self._make_pattern()
         unknowns = 2 * self.nodes.num_nodes_global
         if unknowns > np.iinfo(PETSc.IntType).max:
             raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")
@@ -231,7 +231,9 @@ class FiniteNetwork:
         slaved[network.boundary_crossovers] = supports.slaved
         parts: list[tuple] = []
 
-        def put(rows, before, at, after, mean_length, rigidity, second=None, clamp=None, along=None):
+        def put(
+            rows, before, at, after, mean_length, rigidity, second=None, clamp=None, along=None
+        ):  # fmt: skip
             """Turns of crossovers ``rows``, each array of that length."""
             if len(rows) == 0:
                 return
@@ -401,8 +403,6 @@ class FiniteNetwork:
         blocks : float (m, 2, 2)
             The whole tangent, see `times`.
         """
-        if self._pattern is None:
-            self._make_pattern()
         pattern = self._pattern
         blocks = pattern.empty_blocks()
         for kind, part, (_, _, matrices) in self._chunks(x, STIFFNESS, before):
@@ -413,10 +413,11 @@ class FiniteNetwork:
         masked = blocks.copy()
         at = self._masked_blocks
         row, column = self.free[self._block_row[at]], self.free[self._block_column[at]]
-        masked[at] *= row[:, :, None] & column[:, None, :]
+        masked[at] *= np.logical_and(row[:, :, None], column[:, None, :])
         owned = self.nodes.num_nodes_owned
         idle = np.where(self.free[:owned], 0.0, self.typical_stiffness)
-        masked[pattern.diagonal[:, None], [0, 1], [0, 1]] += idle
+        for axis in (0, 1):
+            masked[pattern.diagonal, axis, axis] += idle[:, axis]
         matrix = pattern.matrix(masked, reuse)
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)

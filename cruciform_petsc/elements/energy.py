@@ -14,9 +14,9 @@ Turn of a yarn at a point between two straight pieces d_1, d_2 (Hencky's bar-cha
 
     W = B kappa^2 l / 2,  kappa = 2 tan(theta / 2) / l
 
-with theta the angle from d_1 to d_2 and l the mean of the two rest lengths. In space kappa is a vector,
-2 d_1 x d_2 / (|d_1| |d_2| + d_1 . d_2) / l; its part along the cloth's normal is bending in the
-tangent plane and has one rigidity, the rest (bending out of it) another.
+with theta the angle from d_1 to d_2 and l the mean of the two rest lengths. In space kappa is a
+vector, 2 d_1 x d_2 / (|d_1| |d_2| + d_1 . d_2) / l; its part along the cloth's normal is bending in
+the tangent plane and has one rigidity, the rest (bending out of it) another.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """What all tests of a cloth have in common: edges that are moved or loaded, small or large.
 
-An experiment says which edges are gripped and where they are for a *control*: an extension, an angle,
-a strain or a load. The same experiment is solved at small displacements (one linear system, everything
-else by proportion) or at finite deformation (increments, solvers.nonlinear).
+An experiment says which edges are gripped and where they are for a *control*: an extension, an
+angle, a strain or a load. The same experiment is solved at small displacements (one linear system,
+everything else by proportion) or at finite deformation (increments, solvers.nonlinear).
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Experiment:
         return {}
 
     def reference_control(self) -> float:
-        """A control of a sensible size: for small displacements, and to begin with at large ones."""
+        """A control of a sensible size: for small displacements, and for first guesses."""
         if not self.by_load:
             return float(self.values[np.abs(self.values).argmax()])
         low, high = self.network.preform.outline.bounds[1::2]
@@ -284,7 +284,7 @@ class Experiment:
                 step = self.default_step()
                 if self.increments is not None:
                     step = float(np.abs(self.values).max()) / self.increments
-                follow(equilibrium, drive, self.values.tolist(), step, accepted)
+                follow(equilibrium, drive, [float(value) for value in self.values], step, accepted)
         except EquilibriumError as error:
             self._explain(error, done)
             error.result = result() if states else None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Bias extension: a strip clamped at its lower edge and pulled at its upper one (paper, section 6)."""
+"""Bias extension: a strip clamped at its lower edge, pulled at its upper one (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class BiasExtension(Experiment):
         reference = HyperelasticMembrane(
             network.comm, network.preform, network.fabric, size, bending=self.bending
         )
-        return reference.solve_bias_extension(result.extensions.tolist(), self.upper)
+        return reference.solve_bias_extension([float(value) for value in result.extensions], self.upper)
 
     def _solve_separately(self) -> TestResult:
         network = self.network

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Cantilever: a strip along its yarns, clamped at one end, bent in its plane by a load at the other."""
+"""Cantilever: a strip along its yarns, clamped at one end, bent in its plane by a load."""
 
 from __future__ import annotations
 

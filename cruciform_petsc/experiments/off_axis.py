@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Off-axis tension: a strip pulled at any angle to its yarns; its modulus against Kilby's formula."""
+"""Off-axis tension: a strip pulled at any angle to its yarns; its modulus against Kilby's."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class PictureFrame(Experiment):
         return float(np.sqrt(a * a + b * b + 2.0 * a * b * np.sin(abs(control))))
 
     def load_of(self, work: float, control: float) -> float:
-        """Cross-head force: work per angle over diagonal per angle; d = 2 L cos(theta) if square."""
+        """Cross-head force: work per angle over diagonal per angle (2 L cos theta if square)."""
         a, b = self._sides
         return work * self.diagonal(control) / (a * b * np.cos(control))
 

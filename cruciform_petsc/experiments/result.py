@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assembly import MODES
+from ..errors import InputError
 from ..lattice import SHORTEST_ARM
 
 if TYPE_CHECKING:
@@ -214,9 +215,9 @@ class TestResult:
     def zones(self) -> np.ndarray:
         """Zone of each of this rank's crossovers, int8 (n,).
 
-        0: neither of its yarns ends in a clamp (the middle of a bias test), 1: one does (the sides),
-        2: both do (the clamps' triangles); -1 for crossovers that carry nothing. In a bias test
-        with H >= 2 W these are the zones of the usual kinematics.
+        0: neither of its yarns ends in a clamp (the middle of a bias test), 1: one does (the
+        sides), 2: both do (the clamps' triangles); -1 for crossovers that carry nothing. In a bias
+        test with H >= 2 W these are the zones of the usual kinematics.
         """
         network = self.network
         rotation, origin = network.preform.rotation, network.preform.lattice_origin
@@ -299,7 +300,10 @@ class TestResult:
 
     def membrane(self, size: float | None = None) -> Any:
         """The continuum with the same outline, edges and last value (dolfinx). Collective."""
-        return self.experiment.membrane(self, size)
+        membrane = getattr(self.experiment, "membrane", None)
+        if membrane is None:
+            raise InputError(f"there is no continuum to compare a {self.experiment.kind} test with")
+        return membrane(self, size)
 
     def compare_with_membrane(self, membrane: Any = None) -> Comparison:
         """Differences to the continuum at the crossovers, last value. Collective."""

@@ -104,10 +104,8 @@ class Equilibrium:
     ----------
     model : FiniteNetwork
     options : mapping, optional
-        PETSc options under the prefix, which overrule the defaults; the command line overrules both.
+        PETSc options under the prefix, which overrule the defaults; the command line overrules all.
     prefix : str
-    multigrid : callable, optional
-        Interpolation matrices, finest first, for the preconditioner ``mg``.
     """
 
     def __init__(
@@ -125,8 +123,14 @@ class Equilibrium:
         self._residual = self._vector.duplicate()
         self._matrix, self._blocks = model.stiffness(self.x)
         self._diagonal = self._vector.duplicate()
-        self._extent = float(np.ptp(np.reshape(model.network.preform.outline.bounds, (2, 2)), 0).max())
+        bounds = np.reshape(model.network.preform.outline.bounds, (2, 2))
+        self._extent = float(np.ptp(bounds, axis=0).max())
+        # Of the last evaluation: unknowns, forces, energies, energy less the work of the loads.
         self._last: tuple[np.ndarray, np.ndarray, np.ndarray, float] | None = None
+        self._before: np.ndarray | None = None  # positions of the last tangent
+        self._merits: list[float] = []
+        self._history: list[float] = []
+        self._support = 0.0  # norm of the forces at clamps and of loads, N
         self.shifted = 0
         unknowns = self._vector.getSize()
         default: dict[str, object] = DIRECT if unknowns <= DIRECT_LIMIT else dict(ITERATIVE)
@@ -156,10 +160,10 @@ class Equilibrium:
 
     def _evaluate(self, vector: PETSc.Vec) -> tuple[np.ndarray, np.ndarray, float]:
         """Forces out of balance (n_local, 2), energies, and energy less the loads' work."""
-        key = vector.getArray(readonly=True)
-        same = self._last is not None and np.array_equal(self._last[0], key)
-        if not self.model.comm.allreduce(int(not same)):
-            return self._last[1:]
+        key, last = vector.getArray(readonly=True), self._last
+        same = last is not None and np.array_equal(last[0], key)
+        if not self.model.comm.allreduce(int(not same)) and last is not None:
+            return last[1:]
         x = self._positions(vector)
         force, energies = self.model.force(x)
         merit = float(energies.sum())
@@ -170,7 +174,7 @@ class Equilibrium:
             merit -= self.model.comm.allreduce(work)
             force = force - load
         self._last = (key.copy(), force, energies, merit)
-        return self._last[1:]
+        return force, energies, merit
 
     def _function(self, snes, vector, result) -> None:
         force, _, _ = self._evaluate(vector)
@@ -189,6 +193,7 @@ class Equilibrium:
         )
 
     def _converged(self, snes, iteration, norms):
+        assert self._last is not None  # SNES has evaluated the residual
         force = self._last[1]
         owned = self.model.nodes.num_nodes_owned
         bound = np.where(self.model.free[:owned], self.load_factor * self.model.load[:owned],
@@ -259,8 +264,8 @@ class Equilibrium:
         """How much of the step to take: the energy falls, or forces along it do near the end."""
         trial = vector.duplicate()
         length = 1.0
-        # The energy may rise over the last few steps' (Grippo, Lampariello and Lucidi 1986): tensions
-        # foretold run ahead of it while stiff yarns turn.
+        # The energy may rise to that of the last few steps (Grippo, Lampariello and Lucidi 1986):
+        # tensions foretold run ahead of it while stiff yarns turn.
         self._merits = [*self._merits[-MEMORY:], merit]
         highest = max(self._merits)
         # Near equilibrium differences of energies are rounding; then the slope alone tells.
@@ -300,10 +305,9 @@ class Equilibrium:
         self.x is moved there. Raises EquilibriumError on every rank and leaves self.x otherwise.
         """
         begin = time.perf_counter()
-        self._history: list[float] = []
+        self._history = []
         self._last, self.shifted, self._support = None, 0, 0.0
-        self._before: np.ndarray | None = None
-        self._merits: list[float] = []
+        self._before, self._merits = None, []
         self._vector.set(0.0)
         self.snes.solve(None, self._vector)
         reason = self.snes.getConvergedReason()
@@ -429,7 +433,7 @@ def follow(
             next_control = target if pieces <= 1 else path.control + gap / pieces
             try:
                 increment = path.advance(next_control)
-            except EquilibriumError as error:
+            except EquilibriumError:
                 allowed = 0.5 * abs(next_control - path.control)
                 if allowed < most * 0.5**most_cuts:
                     raise
