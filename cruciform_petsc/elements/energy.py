@@ -406,3 +406,163 @@ def turns(x, length, rigidity, level: int = STIFFNESS, out=None):
         out = _room(len(x), 1, 3, 2, level)
     _turns_in_plane(x, length, rigidity, level, *out)
     return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turns_in_space(x, chord, length, in_plane, out_of_plane, level, energy, force, stiffness):
+    # All follows from the products of d_1, d_2 and the chord c, in this order:
+    # A = d_1.d_1, B = d_2.d_2, D = d_1.d_2, u = d_1.c, v = d_2.c, C = c.c
+    first = (0, 1, 0, 0, 1, 2)  # which vectors each product is of
+    second = (0, 1, 1, 2, 2, 2)
+    f, h = np.zeros(6), np.zeros((6, 6))  # derivatives of the energy by the products
+    q1, m1, n1 = np.zeros(6), np.zeros(6), np.zeros(6)
+    b1, q2, m2, n2 = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    t1, t2 = np.zeros(6), np.zeros((6, 6))
+    z = np.zeros((3, 3))
+    g, k = np.zeros((3, 3)), np.zeros((3, 3, 3, 3))
+    for e in range(x.shape[0]):
+        for i in range(3):
+            z[0, i] = x[e, 1, i] - x[e, 0, i]
+            z[1, i] = x[e, 2, i] - x[e, 1, i]
+            z[2, i] = chord[e, i]
+        a = z[0, 0] ** 2 + z[0, 1] ** 2 + z[0, 2] ** 2
+        b = z[1, 0] ** 2 + z[1, 1] ** 2 + z[1, 2] ** 2
+        d = z[0, 0] * z[1, 0] + z[0, 1] * z[1, 1] + z[0, 2] * z[1, 2]
+        u = z[0, 0] * z[2, 0] + z[0, 1] * z[2, 1] + z[0, 2] * z[2, 2]
+        v = z[1, 0] * z[2, 0] + z[1, 1] * z[2, 1] + z[1, 2] * z[2, 2]
+        c = z[2, 0] ** 2 + z[2, 1] ** 2 + z[2, 2] ** 2
+        size = np.sqrt(a * b)
+        q = size + d
+        # |b|^2 = 4 |d_1 x d_2|^2 / q^2 = 4 (size - d)/q, size - d = |d_1 x d_2|^2/q without loss.
+        cross = (
+            (z[0, 1] * z[1, 2] - z[0, 2] * z[1, 1]) ** 2
+            + (z[0, 2] * z[1, 0] - z[0, 0] * z[1, 2]) ** 2
+            + (z[0, 0] * z[1, 1] - z[0, 1] * z[1, 0]) ** 2
+        )
+        whole = 4.0 * cross / (q * q)
+        # Part along the normal m = (d_1 + d_2) x c: beta = 2 (d_1 x d_2).m / (q |m|)
+        number = v * (a + d) - u * (b + d)
+        across = (a + b + 2.0 * d) * c - (u + v) ** 2
+        m = np.sqrt(across)
+        beta = 2.0 * number / (q * m)
+        inner, outer = in_plane[e] / length[e], out_of_plane[e] / length[e]
+        energy[e, 0] = 0.5 * inner * beta * beta
+        energy[e, 1] = 0.5 * outer * max(whole - beta * beta, 0.0)
+        if level == 0:
+            continue
+        n1[0], n1[1], n1[2], n1[3], n1[4], n1[5] = v, -u, v - u, -(b + d), a + d, 0.0
+        q1[0], q1[1], q1[2] = 0.5 * size / a, 0.5 * size / b, 1.0
+        w1 = (c, c, 2.0 * c, -2.0 * (u + v), -2.0 * (u + v), a + b + 2.0 * d)
+        for i in range(6):
+            m1[i] = 0.5 * w1[i] / m
+            b1[i] = (2.0 * n1[i] / m - beta * (q1[i] + q * m1[i] / m)) / q
+        # |b|^2 = 8 size/q - 4
+        s1 = (0.5 * size / a, 0.5 * size / b, 0.0, 0.0, 0.0, 0.0)
+        for i in range(6):
+            t1[i] = 8.0 * (s1[i] * q - size * q1[i]) / (q * q)
+            f[i] = (inner - outer) * beta * b1[i] + 0.5 * outer * t1[i]
+        for p in range(3):
+            for i in range(3):
+                g[p, i] = 0.0
+        for r in range(6):
+            for i in range(3):
+                g[first[r], i] += f[r] * z[second[r], i]
+                g[second[r], i] += f[r] * z[first[r], i]
+        for i in range(3):
+            force[e, 0, i], force[e, 1, i] = -g[0, i], g[0, i] - g[1, i]
+            force[e, 2, i], force[e, 3, i] = g[1, i], g[2, i]
+        if level == 1:
+            continue
+        n2[:] = 0.0
+        n2[0, 4] = n2[4, 0] = n2[2, 4] = n2[4, 2] = 1.0
+        n2[1, 3] = n2[3, 1] = n2[2, 3] = n2[3, 2] = -1.0
+        q2[:] = 0.0
+        q2[0, 0], q2[1, 1] = -0.25 * size / (a * a), -0.25 * size / (b * b)
+        q2[0, 1] = q2[1, 0] = 0.25 * size / (a * b)
+        m2[:] = 0.0
+        m2[0, 5] = m2[5, 0] = m2[1, 5] = m2[5, 1] = 1.0
+        m2[2, 5] = m2[5, 2] = 2.0
+        m2[3, 3] = m2[4, 4] = m2[3, 4] = m2[4, 3] = -2.0
+        for i in range(6):
+            for j in range(6):
+                mm = (0.5 * m2[i, j] - m1[i] * m1[j]) / m  # second derivative of |m|
+                # beta q m = 2 N differentiated twice
+                bb = (
+                    2.0 * n2[i, j]
+                    - b1[i] * (q1[j] * m + q * m1[j])
+                    - b1[j] * (q1[i] * m + q * m1[i])
+                    - beta * (q2[i, j] * m + q1[i] * m1[j] + q1[j] * m1[i] + q * mm)
+                ) / (q * m)
+                # t = 8 size/q - 4, so (t + 4) q = 8 size; size has q's second derivatives
+                t2[i, j] = (
+                    8.0 * q2[i, j]
+                    - t1[i] * q1[j]
+                    - t1[j] * q1[i]
+                    - (whole + 4.0) * q2[i, j]
+                ) / q
+                h[i, j] = (inner - outer) * (b1[i] * b1[j] + beta * bb) + 0.5 * outer * t2[i, j]
+        for p in range(3):
+            for r in range(3):
+                for i in range(3):
+                    for j in range(3):
+                        k[p, r, i, j] = 0.0
+        for r in range(6):
+            for i in range(3):
+                k[first[r], second[r], i, i] += f[r]
+                k[second[r], first[r], i, i] += f[r]
+            for o in range(6):
+                for i in range(3):
+                    for j in range(3):
+                        k[first[r], first[o], i, j] += h[r, o] * z[second[r], i] * z[second[o], j]
+                        k[first[r], second[o], i, j] += h[r, o] * z[second[r], i] * z[first[o], j]
+                        k[second[r], first[o], i, j] += h[r, o] * z[first[r], i] * z[second[o], j]
+                        k[second[r], second[o], i, j] += h[r, o] * z[first[r], i] * z[first[o], j]
+        for i in range(3):
+            for j in range(3):
+                for p in range(4):
+                    for r in range(4):
+                        stiffness[e, p, i, r, j] = 0.0
+                for p in range(3):
+                    for r in range(3):
+                        # d_1 = x_1 - x_0, d_2 = x_2 - x_1, c by itself
+                        value = k[p, r, i, j]
+                        stiffness[e, p + 1, i, r + 1, j] += value
+                        if p < 2:
+                            stiffness[e, p, i, r + 1, j] -= value
+                        if r < 2:
+                            stiffness[e, p + 1, i, r, j] -= value
+                        if p < 2 and r < 2:
+                            stiffness[e, p, i, r, j] += value
+
+
+def turns_in_space(x, chord, length, in_plane, out_of_plane, level: int = STIFFNESS, out=None):
+    """Energy, force and stiffness of turns of yarns in space, in and out of the cloth's plane.
+
+    With b = 2 d_1 x d_2/(|d_1| |d_2| + d_1 . d_2) and the cloth's normal n along (d_1 + d_2) x c, c
+    the direction of the crossing yarns,
+
+        W = [ B_in (b . n)^2 + B_out (|b|^2 - (b . n)^2) ] / (2 l)
+
+    Parameters
+    ----------
+    x : float (n, 3, 3)
+        Positions of the point before, of the turn, of the point after, metres.
+    chord : float (n, 3)
+        Vector along the crossing yarns (between their arm ends, of any length).
+    length : float (n,)
+        Mean rest length of the two pieces of yarn, metres.
+    in_plane, out_of_plane : float (n,)
+        Flexural rigidities for bending in the tangent plane and out of it, N m^2.
+    level, out
+        As for cruciforms.
+
+    Returns
+    -------
+    energy : float (n, 2), J, in and out of plane
+    force : float (n, 4, 3), N, on the three points and by the chord
+    stiffness : float (n, 4, 3, 4, 3), N/m
+    """
+    if out is None:
+        out = _room(len(x), 2, 4, 3, level)
+    _turns_in_space(x, chord, length, in_plane, out_of_plane, level, *out)
+    return out

@@ -98,7 +98,8 @@ class BiasExtension(Experiment):
         reference = HyperelasticMembrane(
             network.comm, network.preform, network.fabric, size, bending=self.bending
         )
-        return reference.solve_bias_extension([float(value) for value in result.extensions], self.upper)
+        extensions = [float(value) for value in result.extensions]
+        return reference.solve_bias_extension(extensions, self.upper)
 
     def _solve_separately(self) -> TestResult:
         network = self.network
