@@ -381,6 +381,17 @@ def test_wrong_input():
     assert membrane.solve_motions([]) == []
 
 
+def test_buckling_is_told():
+    """Pressed along its yarns, cloth that does not bend buckles once the pressure exceeds G."""
+    fabric = stiff(1e3)  # buckles at a strain of 1e-3
+    membrane = HyperelasticMembrane(
+        COMM, Preform.rectangle(0.02, 0.03, "0 deg"), fabric, 2e-3, 2, grading=0
+    )
+    below, above = membrane.solve_bias_extension([-0.8e-3 * 0.03, -1.5e-3 * 0.03], "centre-line")
+    assert below.stable
+    assert not above.stable
+
+
 def test_an_impossible_extension():
     """The upper clamp is pushed through the lower one: told, with what was reached before."""
     preform = Preform.rectangle(0.1, 0.2, "45 deg")

@@ -48,10 +48,11 @@ from ..solvers import linear
 from .domain import MembraneDomain, MembraneFields, default_size, outline_width
 from .membrane import DIRECT, ITERATIVE, MAX_DOFS_DIRECT
 
-# Euclidean norm of the nodal forces out of balance over that of the reactions; and over the force
-# that strains the whole width by one, for states without reactions (rounding of stiff yarns).
+# Euclidean norm of the nodal forces out of balance over that of the reactions. Below the second,
+# over that of the tangent's diagonal times (displacement + size of the triangles), they are
+# rounding: of the displacement, and of F = I + grad u (stiff yarns, small triangles that bend).
 TOLERANCE = 1e-9
-ROUNDING = 1e-13
+ROUNDING = 5e-16
 MAX_MIXED, MAX_DESCENT = 12, 40
 # Parts of an increment, and of a radian that an edge may turn at a time.
 SMALLEST_STEP = 2.0**-12
@@ -77,8 +78,10 @@ class HyperelasticMembrane(MembraneDomain):
         A Fabric: its laws `shear`, `warp_tension` and `weft_tension`, `c12`, and its
         `effective_strain` (engineering or logarithmic, softened in compression).
     bending : bool
-        Whether yarns resist bending in the plane (a second-gradient membrane). The mesh is then
-        fine enough for the layers beside clamps, sqrt(D/G) wide, down to 1/96 of the width.
+        Whether yarns resist bending in the plane (a second-gradient membrane).
+
+    Without a given size the triangles are 1/40 to 1/15 of the width, as the layers along yarns or,
+    with bending, beside clamps ask for.
     """
 
     def __init__(
@@ -98,10 +101,12 @@ class HyperelasticMembrane(MembraneDomain):
             [family.yarn_bending * family.yarns for family in (fabric.warp, fabric.weft)]
         )
         if size is None:
-            size = default_size(preform.outline, fabric, degree)
-            if bending and self.rigidity.any():
+            # Coarser than for the linear membrane: a solution takes dozens of its steps.
+            width = outline_width(preform.outline)
+            layer = default_size(preform.outline, fabric, degree)
+            if bending and self.rigidity.any():  # yarns that bend spread whatever is sharper
                 layer = (self.rigidity[self.rigidity > 0].min() / fabric.shear_modulus) ** 0.5
-                size = min(size, max(layer, outline_width(preform.outline) / 96))
+            size = float(np.clip(layer, width / 40, width / 15))
         super().__init__(comm, preform, fabric, size, degree, grading, share_facets=bending)
         self._directions = (self._warp, self._weft)
 
@@ -305,9 +310,7 @@ class Equilibrium:
         self._make_quadrature()
         self._make_forms([name for name, component in held.items() if component is None])
         self._matrix = dolfinx.fem.petsc.create_matrix(self._tangent)
-        low, high = np.reshape(membrane.preform.outline.bounds, (2, 2))
-        fabric = membrane.fabric
-        self._floor = ROUNDING * float((fabric.c11 + fabric.c22) * (high - low).max())
+        self._floor = 0.0
         self.history: list[float] = []
         self.newton_iterations = self.cuts = 0
         self.update()
@@ -362,7 +365,12 @@ class Equilibrium:
         self._slot = self._s.function_space.dofmap.list[:owned]
         corners = mesh.geometry.x[mesh.geometry.dofmap[:owned]][..., :2]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        self._weight = abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])[:, None] * weights
+        twice_area = abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        self._weight = twice_area[:, None] * weights
+        nodes = membrane.space.dofmap.list[:owned]
+        largest = np.zeros(len(self._x))
+        np.maximum.at(largest, nodes, np.broadcast_to(np.sqrt(twice_area)[:, None], nodes.shape))
+        self._size = largest[: self._owned]
         self._measures = dolfinx.fem.Expression(ufl.as_vector(membrane.measures(self.u)), points)
         increments = ufl.as_vector(membrane._first(self.u, self._step))
         self._increments = dolfinx.fem.Expression(increments, points)
@@ -522,6 +530,12 @@ class Equilibrium:
         dolfinx.fem.petsc.assemble_matrix(self._matrix, self._tangent, self._conditions)
         self._matrix.assemble()
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        diagonal = self._matrix.getDiagonal()
+        free = ~self.fixed[: self._owned].ravel()
+        size = abs(self.u.x.array[: len(free)]) + np.repeat(self._size, 2)
+        rounding = (diagonal.array * size)[free]
+        diagonal.destroy()
+        self._floor = ROUNDING * float(np.sqrt(self.comm.allreduce((rounding**2).sum())))
         return self._matrix
 
     def result(self) -> HyperelasticResult:
@@ -533,7 +547,7 @@ class Equilibrium:
         self._set_up(self.assemble())
         return HyperelasticResult(
             self.membrane, displacement, force, self.energies, self.comm.allreduce(folded),
-            not self._is_indefinite(), self.newton_iterations, self.cuts, list(self.history),
+            self._is_definite(), self.newton_iterations, self.cuts, list(self.history),
         )  # fmt: skip
 
     # -- equilibrium ----------------------------------------------------------------------------
@@ -682,7 +696,7 @@ class Equilibrium:
         fixed = self.fixed[: self._owned]
         local = np.array([(force[~fixed] ** 2).sum(), (force[fixed] ** 2).sum()])
         free, held = np.sqrt(self.comm.allreduce(local))
-        return float(free), float(max(held, self._floor / TOLERANCE))
+        return float(free), float(max(held, self._floor / TOLERANCE, np.finfo(float).tiny))
 
     def _dot(self, force: np.ndarray, step: np.ndarray) -> float:
         free = ~self.fixed[: self._owned]
@@ -692,7 +706,7 @@ class Equilibrium:
     def _factorise(self, geometric: np.ndarray) -> None:
         """Set the solver up for the tangent, or its convex part if it is not positive definite."""
         self._set_up(self.assemble(geometric))
-        if self._is_indefinite():
+        if self._is_definite() is False:  # iterations fail by themselves
             self._set_up(self.assemble(geometric, convex=True))
 
     def _set_up(self, matrix: PETSc.Mat) -> None:
@@ -705,16 +719,17 @@ class Equilibrium:
             modes = membrane._rigid_modes()[: self._owned].reshape(-1, 3)
             self._solver = linear.LinearSolver(matrix, modes, options, prefix=self.prefix)
         else:
+            self._solver.ksp.setOperators(matrix)  # or it would not look at the new values yet
             self._solver.ksp.setUp()
 
-    def _is_indefinite(self) -> bool:
-        """Whether a factorisation tells of negative pivots; iterations fail by themselves."""
+    def _is_definite(self) -> bool | None:
+        """Whether the factorised tangent is positive definite; None if the solver cannot tell."""
         pc = cast(linear.LinearSolver, self._solver).ksp.getPC()
         if pc.getType() != "cholesky" or pc.getFactorSolverType() != "mumps":
-            return False
+            return None
         if pc.getFailedReason():
-            return True
-        return bool(pc.getFactorMatrix().getInertia()[0] > 0)
+            return False
+        return bool(pc.getFactorMatrix().getInertia()[0] == 0)
 
     def _solve(self, force: np.ndarray) -> np.ndarray:
         """Displacement (local unknowns, ghosts filled) against a force at free components."""
@@ -742,9 +757,9 @@ class HyperelasticResult(MembraneFields):
         Strain energy in joules.
     folded_area : float
         Area at rest whose shear angle is beyond 90 degrees, m^2.
-    stable : bool
-        Whether the energy has a minimum here, as far as a factorisation tells; an equilibrium
-        without one is left by a real cloth (its yarns buckle), see `Fabric.compression`.
+    stable : bool or None
+        Whether the energy has a minimum here; an equilibrium without one is left by a real cloth
+        (its yarns buckle, see `Fabric.compression`). None if the linear solver does not factorise.
     newton_iterations, cuts : int
         Linear systems solved from the increment before, and steps that failed on the way.
     history : list of float
@@ -758,7 +773,7 @@ class HyperelasticResult(MembraneFields):
         internal_force: np.ndarray,
         energies: np.ndarray,
         folded_area: float,
-        stable: bool,
+        stable: bool | None,
         newton_iterations: int,
         cuts: int,
         history: list[float],
