@@ -38,6 +38,9 @@ _SIGN = (1.0, -1.0, 1.0, -1.0)
 HINGE = 4  # number of the hinge among the points of a cruciform
 RIGHT_ANGLE = 0.5 * np.pi
 
+# Liberties of the compiler that keep NaN and infinity what they are: a state that is none must show.
+FREE = {"contract", "reassoc", "nsz", "arcp"}
+
 ENERGY, FORCE, STIFFNESS = 0, 1, 2  # how much a kernel works out
 
 
@@ -72,23 +75,30 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
     """Compile the cruciform for positions in ``dim`` dimensions."""
     warp_arm, weft_arm, signs, held_source = _WARP_ARM, _WEFT_ARM, _SIGN, int(HELD)
 
-    @numba.njit(cache=True, error_model="numpy")
+    @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
     def kernel(
         x, before, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain,
         ratio, width, level, energy, force, stiffness,
     ):  # fmt: skip
         foretold = before.shape[0] > 0 and level == 2
+        # The commonest case by a shorter way, for speed.
+        plain = not log_strain and ratio == 1.0
+        straight = shear[0] == 0.0  # a linear law
         t, inverse = np.zeros((4, dim)), np.zeros(4)
         # Phi and the effective strain q of each arm, and their derivatives by its length.
         w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
         q, q1, q2 = np.zeros(4), np.zeros(4), np.zeros(4)
         v1, p, p1 = np.zeros(4), np.zeros(4), np.zeros(4)  # Phi', q, q' at the strain foretold
-        pull, told, pull_slope = np.zeros(4), np.zeros(4), np.zeros((4, 4))  # dW/dlength
-        g, k = np.zeros((4, dim)), np.zeros((4, 4, dim, dim))  # on the arms as vectors
+        # dW/dlength of the arms and its slope: of each arm, and between a warp and a weft arm.
+        pull, told, slope_own = np.zeros(4), np.zeros(4), np.zeros(4)
+        slope_mixed = np.zeros((2, 2))
+        # Gradient and second derivatives by the arms as vectors; arms of one family do not couple.
+        g, own, mixed = np.zeros((4, dim)), np.zeros((4, dim, dim)), np.zeros((2, 2, dim, dim))
         ti, tj, pi, pj = np.zeros(dim), np.zeros(dim), np.zeros(dim), np.zeros(dim)
+        normal = np.zeros(dim)
         for n in range(x.shape[0]):
             for arm in range(4):
-                inverse[arm] = pull[arm] = told[arm] = 0.0
+                inverse[arm] = pull[arm] = told[arm] = slope_own[arm] = 0.0
                 w[arm] = w1[arm] = w2[arm] = q[arm] = q1[arm] = q2[arm] = 0.0
                 v1[arm] = p[arm] = p1[arm] = 0.0
                 for i in range(dim):
@@ -105,9 +115,17 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     t[arm, i] *= inverse[arm]
                 b = 1.0 / a[n, arm]
                 law = warp if arm % 2 == 0 else weft
-                z, z1, z2 = effective_strain(length * b, log_strain, ratio, width)
-                z1, z2 = z1 * b, z2 * b * b
-                y, y1, y2 = evaluate_law(law, z)
+                if plain:
+                    z, z1, z2 = length * b - 1.0, b, 0.0
+                else:
+                    z, z1, z2 = effective_strain(length * b, log_strain, ratio, width)
+                    z1, z2 = z1 * b, z2 * b * b
+                if law[0] == 0.0:
+                    y2 = law[1]
+                    y1 = y2 * z
+                    y = 0.5 * y1 * z
+                else:
+                    y, y1, y2 = evaluate_law(law, z)
                 w[arm], w1[arm], w2[arm] = y, y1 * z1, y2 * z1 * z1 + y1 * z2
                 q[arm], q1[arm], q2[arm] = z, z1, z2
                 if foretold:
@@ -124,12 +142,13 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     v1[arm], w2[arm] = y1 * z1, y2 * z1 * z1 + y1 * z2
                     p[arm], p1[arm], q2[arm] = z, z1, z2
             if level == 2:
-                for m in range(4):
-                    for o in range(4):
-                        pull_slope[m, o] = 0.0
-                        for i in range(dim):
-                            for j in range(dim):
-                                k[m, o, i, j] = 0.0
+                for i in range(dim):
+                    for j in range(dim):
+                        for arm in range(4):
+                            own[arm, i, j] = 0.0
+                        mixed[0, 0, i, j] = mixed[0, 1, i, j] = 0.0
+                        mixed[1, 0, i, j] = mixed[1, 1, i, j] = 0.0
+            slope_mixed[0, 0] = slope_mixed[0, 1] = slope_mixed[1, 0] = slope_mixed[1, 1] = 0.0
             stretching, shearing = 0.0, 0.0
             for quadrant in range(4):
                 part = area[n, quadrant]
@@ -148,19 +167,15 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     stretching += part * w[si]
                     pull[si] += part * (w1[si] + c12 * qj * q1[si])
                     told[si] += part * (v1[si] + c12 * fj * p1[si])
-                    pull_slope[si, si] += part * (w2[si] + c12 * fj * q2[si])
+                    slope_own[si] += part * (w2[si] + c12 * fj * q2[si])
                 if sj != held_source:
                     stretching += part * w[sj]
                     pull[sj] += part * (w1[sj] + c12 * qi * q1[sj])
                     told[sj] += part * (v1[sj] + c12 * fi * p1[sj])
-                    pull_slope[sj, sj] += part * (w2[sj] + c12 * fi * q2[sj])
+                    slope_own[sj] += part * (w2[sj] + c12 * fi * q2[sj])
                     if si != held_source:
-                        if foretold:
-                            both = part * c12 * p1[si] * p1[sj]
-                        else:
-                            both = part * c12 * q1[si] * q1[sj]
-                        pull_slope[si, sj] += both
-                        pull_slope[sj, si] += both
+                        both = p1[si] * p1[sj] if foretold else q1[si] * q1[sj]
+                        slope_mixed[si // 2, sj // 2] += part * c12 * both
                 # Shear between the directions of the two arms, or of those they take theirs from.
                 ri, rj = turn_source[n, i_arm], turn_source[n, j_arm]
                 sign_i, sign_j = 1.0, 1.0
@@ -175,9 +190,14 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     c += ti[i] * tj[i]
                 c = min(1.0, max(-1.0, c))
                 sine = max(np.sqrt(1.0 - c * c), 1e-12)
-                angle = np.arctan2(sine, c)
                 s = signs[quadrant]
-                psi, psi1, psi2 = evaluate_law(shear, s * (0.5 * np.pi - angle))
+                gamma = s * np.arcsin(c)
+                if straight:
+                    psi2 = shear[1]
+                    psi1 = psi2 * gamma
+                    psi = 0.5 * psi1 * gamma
+                else:
+                    psi, psi1, psi2 = evaluate_law(shear, gamma)
                 shearing += part * psi
                 if level == 0:
                     continue
@@ -188,36 +208,33 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     # Unit vectors across each direction towards the other: d angle/d t_i = -p_i.
                     pi[i] = (tj[i] - c * ti[i]) / sine
                     pj[i] = (ti[i] - c * tj[i]) / sine
-                    if ri != held_source:
-                        g[ri, i] -= slope_angle * hi * pi[i]
-                    if rj != held_source:
-                        g[rj, i] -= slope_angle * hj * pj[i]
+                # A held arm has h = 0 and adds nothing to whichever arm it is counted with.
+                ri, rj = max(ri, i_arm % 2), max(rj, j_arm % 2)
+                for i in range(dim):
+                    g[ri, i] -= slope_angle * hi * pi[i]
+                    g[rj, i] -= slope_angle * hj * pj[i]
                 if level == 1:
                     continue
-                cot = c / sine
+                out_own, out_mixed = 0.0, 0.0
+                if dim == 3:  # across the plane of both directions
+                    for i in range(dim):
+                        following, last = (i + 1) % 3, (i + 2) % 3
+                        normal[i] = (ti[following] * tj[last] - ti[last] * tj[following]) / sine
+                    out_own, out_mixed = slope_angle * c / sine, -slope_angle / sine
+                hii, hjj, hij = hi * hi, hj * hj, hi * hj
+                m, o = ri // 2, rj // 2
                 for i in range(dim):
+                    si_ = hii * (curve_angle * pi[i] + slope_angle * ti[i])
+                    sj_ = hjj * (curve_angle * pj[i] + slope_angle * tj[i])
+                    mi_ = hij * curve_angle * pi[i]
+                    ui_, uj_ = hii * slope_angle * pi[i], hjj * slope_angle * pj[i]
+                    oi_, oj_ = hii * out_own * normal[i], hjj * out_own * normal[i]
+                    om_ = hij * out_mixed * normal[i]
+                    for j in range(i, dim):  # symmetric: the upper half will do
+                        own[ri, i, j] += si_ * pi[j] + ui_ * ti[j] + oi_ * normal[j]
+                        own[rj, i, j] += sj_ * pj[j] + uj_ * tj[j] + oj_ * normal[j]
                     for j in range(dim):
-                        out = 0.0  # across the plane of both directions; nothing in the plane
-                        if dim == 3:
-                            out = -ti[i] * ti[j] - pi[i] * pi[j]
-                            if i == j:
-                                out += 1.0
-                        if ri != held_source:
-                            k[ri, ri, i, j] += hi * hi * (
-                                curve_angle * pi[i] * pi[j]
-                                + slope_angle * (ti[i] * pi[j] + pi[i] * ti[j] + cot * out)
-                            )
-                        if rj != held_source:
-                            k[rj, rj, i, j] += hj * hj * (
-                                curve_angle * pj[i] * pj[j]
-                                + slope_angle * (tj[i] * pj[j] + pj[i] * tj[j] + cot * out)
-                            )
-                            if ri != held_source:
-                                mixed = hi * hj * (
-                                    curve_angle * pi[i] * pj[j] - slope_angle * out / sine
-                                )
-                                k[ri, rj, i, j] += mixed
-                                k[rj, ri, j, i] += mixed
+                        mixed[m, o, i, j] += mi_ * pj[j] + om_ * normal[j]
             energy[n, 0], energy[n, 1] = stretching, shearing
             if level == 0:
                 continue
@@ -229,29 +246,41 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
             if level == 1:
                 continue
             for arm in range(4):
-                if inverse[arm] == 0.0:
-                    continue
                 across = (told[arm] if foretold else pull[arm]) * inverse[arm]
+                along = slope_own[arm] - across
                 for i in range(dim):
-                    k[arm, arm, i, i] += across
-                    for j in range(dim):
-                        k[arm, arm, i, j] -= across * t[arm, i] * t[arm, j]
-            for m in range(4):
-                for o in range(4):
-                    for i in range(dim):
-                        for j in range(dim):
-                            k[m, o, i, j] += pull_slope[m, o] * t[m, i] * t[o, j]
+                    own[arm, i, i] += across
+                    for j in range(i, dim):
+                        own[arm, i, j] += along * t[arm, i] * t[arm, j]
+                        own[arm, j, i] = own[arm, i, j]
+            if c12 != 0.0:
+                for m in range(2):
+                    for o in range(2):
+                        for i in range(dim):
+                            for j in range(dim):
+                                mixed[m, o, i, j] += (
+                                    slope_mixed[m, o] * t[2 * m, i] * t[2 * o + 1, j]
+                                )
             for i in range(dim):
                 for j in range(dim):
                     total = 0.0
-                    for m in range(4):
-                        row, column = 0.0, 0.0
-                        for o in range(4):
-                            stiffness[n, m, i, o, j] = k[m, o, i, j]
-                            row += k[m, o, i, j]
-                            column += k[o, m, i, j]
-                        stiffness[n, m, i, 4, j] = -row
-                        stiffness[n, 4, i, m, j] = -column
+                    for m in range(2):
+                        warp_arm_, weft_arm_ = 2 * m, 2 * m + 1
+                        row = own[warp_arm_, i, j] + mixed[m, 0, i, j] + mixed[m, 1, i, j]
+                        stiffness[n, warp_arm_, i, warp_arm_, j] = own[warp_arm_, i, j]
+                        stiffness[n, warp_arm_, i, 1, j] = mixed[m, 0, i, j]
+                        stiffness[n, warp_arm_, i, 3, j] = mixed[m, 1, i, j]
+                        stiffness[n, warp_arm_, i, 2 - warp_arm_, j] = 0.0
+                        stiffness[n, warp_arm_, i, 4, j] = -row
+                        stiffness[n, 4, j, warp_arm_, i] = -row
+                        total += row
+                        row = own[weft_arm_, i, j] + mixed[0, m, j, i] + mixed[1, m, j, i]
+                        stiffness[n, weft_arm_, i, weft_arm_, j] = own[weft_arm_, i, j]
+                        stiffness[n, weft_arm_, i, 0, j] = mixed[0, m, j, i]
+                        stiffness[n, weft_arm_, i, 2, j] = mixed[1, m, j, i]
+                        stiffness[n, weft_arm_, i, 4 - weft_arm_, j] = 0.0
+                        stiffness[n, weft_arm_, i, 4, j] = -row
+                        stiffness[n, 4, j, weft_arm_, i] = -row
                         total += row
                     stiffness[n, 4, i, 4, j] = total
 
@@ -321,7 +350,7 @@ def _room(n: int, parts: int, points: int, dim: int, level: int):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath=FREE)
 def _turns_in_plane(x, length, rigidity, level, energy, force, stiffness):
     g = np.zeros((2, 2))  # of b, on (d_1, d_2)
     h = np.zeros((2, 2, 2, 2))
@@ -408,7 +437,7 @@ def turns(x, length, rigidity, level: int = STIFFNESS, out=None):
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath=FREE)
 def _turns_in_space(x, chord, length, in_plane, out_of_plane, level, energy, force, stiffness):
     # All follows from the products of d_1, d_2 and the chord c, in this order:
     # A = d_1.d_1, B = d_2.d_2, D = d_1.d_2, u = d_1.c, v = d_2.c, C = c.c
