@@ -15,11 +15,6 @@ from cruciform_petsc.lattice import ARM_STEP
 
 SIGN = (1, -1, 1, -1)
 PAIRS = ((0, 1), (2, 1), (2, 3), (0, 3))  # warp arm, weft arm: quadrants, anticlockwise
-    (0, 1),
-    (2, 1),
-    (2, 3),
-    (0, 3),
-)  # warp arm, weft arm, anticlockwise from the first quadrant
 DEGREE = np.pi / 180
 
 # N/m; coefficients of the two published laws with their sizes, tables with a lock.
