@@ -275,6 +275,53 @@ def test_foretold_tension_of_one_arm():
         assert across @ block @ across == pytest.approx(turning, rel=1e-9, abs=1e-9 * per_length)
 
 
+@DIMENSIONS
+@pytest.mark.parametrize("name", ["shear linear", "log", "softening", "softening, log, tables"])
+def test_foretold_stiffness(name, dim):
+    """It is that of the arms' lengths as foretold, d.(x - x_0)/|d|, along where the arms point now.
+
+    W's derivatives by the lengths are those of arms of these lengths in their directions at rest,
+    where lengths and angles do not mix.
+    """
+    cloth = CLOTHS[name]
+    rng = np.random.default_rng(8)
+    n = 20
+    states = States(dim, n)
+    a, area = rng.uniform(1, 2, (n, 4)) * 1e-3, states.area
+    step = np.zeros((4, dim))
+    step[:, :2] = ARM_STEP
+    x, before = np.zeros((n, 5, dim)), np.zeros((n, 5, dim))
+    for place in (x, before):
+        place[:, :4] = a[..., None] * (step + 0.2 * rng.normal(size=(n, 4, dim)))
+    exact = kernels.cruciforms(x, a, area, cloth)[2]
+    told = kernels.cruciforms(x, a, area, cloth, before=before)[2]
+
+    def derivatives(length):
+        """By lengths (n, 4) of the arms: (n, 4) and (n, 4, 4)."""
+        straight = np.zeros((n, 5, dim))
+        straight[:, :4] = length[..., None] * step
+        _, force, stiffness = kernels.cruciforms(straight, a, area, cloth)
+        first = np.einsum("nki,ki->nk", force[:, :4], step)
+        return first, np.einsum("ki,nkiqj,qj->nkq", step, stiffness[:, :4, :, :4], step)
+
+    old, now = before[:, :4] - before[:, 4:], x[:, :4] - x[:, 4:]
+    unit = old / np.linalg.norm(old, axis=2, keepdims=True)
+    length = np.linalg.norm(now, axis=2)
+    t = now / length[..., None]
+    (pull, slope), (pull_told, slope_told) = (
+        derivatives(size) for size in (length, (unit * now).sum(axis=2))
+    )
+    across = np.einsum("nk,ij->nkij", np.ones((n, 4)), np.eye(dim)) - t[..., None] * t[..., None, :]
+    expected = np.einsum("nkq,nki,nqj->nkiqj", slope_told - slope, t, t)
+    for k in range(4):
+        more = (pull_told - pull)[:, k] / length[:, k]
+        expected[:, k, :, k] += more[:, None, None] * across[:, k]
+    found = (told - exact)[:, :4, :, :4]
+    np.testing.assert_allclose(found, expected, atol=1e-10 * abs(exact).max())
+    # The hinge takes what is left.
+    np.testing.assert_allclose(told.sum(axis=1), 0.0, atol=1e-12 * abs(told).max())
+
+
 # -- motions -----------------------------------------------------------------------------------
 
 
