@@ -7,7 +7,7 @@ import logging
 import platform
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,24 @@ from mpi4py import MPI
 from . import __version__
 from .assembly import MODES
 from .case import Case
-from .experiments.bias_extension import BiasExtension
+from .errors import InputError, SolverError
+from .experiments.base import Experiment
+from .experiments.bias_extension import BiasExtension, Pantograph
+from .experiments.biaxial import Biaxial
+from .experiments.cantilever import Cantilever
+from .experiments.off_axis import OffAxisTension
+from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
+from .output.figures import control_text
+from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
+from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
+
+BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
+# Kinds whose edges do what the membrane's can be told to, and whose load it knows.
+COMPARED = ("bias-extension", "off-axis-tension", "pantograph")
 
 
 class Stages:
@@ -70,6 +83,7 @@ def log_network(log: logging.Logger, statistics: dict) -> None:
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
+    _check_comparison(case)
     stages = Stages(comm, log)
     fabric, preform = case.fabric(), case.preform()
     log.info("%s", case.title)
@@ -78,30 +92,59 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     with stages.stage("network", "network"):
         network = Network(comm, preform, fabric)
     log_network(log, network.statistics())
-    per_node = 3 if case.test.bending else 2
-    log.info("           %d unknowns", per_node * network.num_nodes_global)
-    experiment = _experiment(case, network, case.test.bending)
+    if not case.test.finite:
+        per_node = 3 if case.test.bending else 2
+        log.info("           %d unknowns", per_node * network.num_nodes_global)
+    experiment = make_experiment(case, network)
     for value in experiment.check():
         log.info("           %s", value)
 
 
-def _experiment(case: Case, network: Network, bending: bool, **changes: Any) -> BiasExtension:
+def make_experiment(
+    case: Case, network: Network, *, bending: bool | None = None, controls: Any = None
+) -> Experiment:
+    """Make the experiment that a case describes.
+
+    Parameters
+    ----------
+    case : Case
+    network : Network
+        Of the case, or a finer one.
+    bending : bool, optional
+        In place of the case's.
+    controls : float or list of float, optional
+        Extensions (angles, strains, a cantilever's loads) in SI, in place of the case's values.
+    """
     test = case.test
-    given = {"extension": test.extension_si, "load": test.load_si} | changes
-    if given["extension"] is not None and not isinstance(given["extension"], float):
-        given["extension"] = list(given["extension"])
-    return BiasExtension(
-        network,
-        **given,
-        upper=test.upper,
-        model=test.model,
-        bending=bending,
-        options=case.solver.options,
-    )
+    key, values = test.control, test.values_si if test.is_curve else test.values_si[0]
+    if controls is not None:
+        key, values = next(iter(test.controls)), controls
+    options: dict[str, Any] = {
+        "finite": test.finite,
+        "bending": test.bending if bending is None else bending,
+        "increments": test.increments,
+        "options": case.solver.options,
+        key: values,
+    }
+    kinds: dict[str, tuple[Callable[..., Experiment], tuple[str, ...]]] = {
+        "bias-extension": (BiasExtension, ("upper", "model")),
+        "biaxial": (Biaxial, ("ratio",)),
+        "cantilever": (Cantilever, ()),
+        "off-axis-tension": (OffAxisTension, ("ends",)),
+        "pantograph": (Pantograph, ()),
+        "picture-frame": (PictureFrame, ()),
+    }
+    make, more = kinds[test.kind]
+    return make(network, **options, **{name: getattr(test, name) for name in more})
 
 
 def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logger) -> dict:
-    """Run a case and write its results into a folder. Collective; returns the summary."""
+    """Run a case and write its results into a folder. Collective; returns the summary.
+
+    A test that ends early, or a membrane that cannot be solved, raises its SolverError on every
+    rank after all that was reached is on disk.
+    """
+    _check_comparison(case)
     stages = Stages(comm, log)
     log.info("%s", case.title)
     log.info(
@@ -119,29 +162,40 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
         statistics = network.statistics()
     log_network(log, statistics)
 
-    with stages.stage("solve", f"{case.test.kind}, {case.test.model} model, solved"):
-        result = _experiment(case, network, case.test.bending).solve()
-    log.info(
-        "           %d unknowns, %s with %s, %d iterations, relative residual %.1e",
-        result.solver.unknowns,
-        result.solver.ksp,
-        result.solver.pc,
-        result.solver.iterations,
-        result.solver.relative_residual,
-    )
+    experiment = make_experiment(case, network)
+    failure: SolverError | None = None
+    progress = Progress(experiment, directory / "increments.csv", log)
+    size = "finite deformation" if case.test.finite else f"{case.test.model} model"
+    with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
+        try:
+            result = experiment.solve(progress)
+        except EquilibriumError as error:
+            failure, result = error, error.result
+    if result is None:
+        _write_nothing_but_increments(comm, case, directory, stages, progress, failure)
+        assert failure is not None
+        raise failure
+    _log_solver(log, result)
     hanging = comm.allreduce(result.supports.num_hanging)
     if hanging:
         log.info("           %d crossovers hang on by one arm end and carry no load", hanging)
 
     summary = _summary(case, result, statistics, hanging)
-    curve = result.curve()
+    summary["warnings"] = warnings(result)
+    for sentence in summary["warnings"]:
+        log.warning("warning       %s", sentence)
+    if failure is not None:
+        summary["ended_early"] = str(failure)
+    with stages.stage("write", "results written"):
+        _write(case, result, directory)
+
     without = None
-    if case.test.bending and case.test.model == "coupled" and (
-        case.output.pictures or case.continuum.compare
-    ):  # fmt: skip
+    wanted = case.output.pictures or case.continuum.compare
+    comparable = experiment.has_zones and case.test.model == "coupled"
+    if case.test.bending and comparable and wanted and not case.test.finite:
         with stages.stage("solve_without_bending", "the same without yarn bending, to compare"):
-            without = _experiment(
-                case, network, False, extension=float(result.extension), load=None
+            without = make_experiment(
+                case, network, bending=False, controls=float(result.extension)
             ).solve()
         summary["without_bending"] = {
             "load_n": without.load,
@@ -149,11 +203,15 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
             "shear_max_deg": float(np.rad2deg(without.shear_angle_max)),
         }
 
-    membrane = None
-    if case.continuum.compare or case.continuum.ladder:
-        membrane = _compare(case, stages, result, without, summary)
-    if case.continuum.ladder:
-        rungs = _ladder(comm, case, stages, result, membrane)
+    membranes: list = []
+    if failure is None and (case.continuum.compare or case.continuum.ladder):
+        try:
+            membranes = _compare(case, stages, result, without, summary, directory)
+        except SolverError as error:
+            failure = error
+            summary["continuum"] = {"failed": str(error)}
+    if failure is None and case.continuum.ladder:
+        rungs = _ladder(comm, case, stages, result, membranes[-1])
         summary["continuum"]["ladder"] = rungs
         tables.write_csv(
             comm,
@@ -161,8 +219,268 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
             {key: [rung[key] for rung in rungs] for key in rungs[0]},
         )
 
-    with stages.stage("write", "results written"):
-        tables.write_csv(comm, directory / "curve.csv", curve)
+    if case.output.pictures:
+        with stages.stage("pictures", "pictures drawn"):
+            figures.draw_all(directory, result, without, membranes, summary)
+    summary["wall_s"] = {**stages.seconds, "total": stages.total()}
+    summary["peak_mib_per_rank"] = peak_mib(comm)
+    tables.write_json(comm, directory / "summary.json", summary)
+    _tell(log, summary, result, directory)
+    if failure is not None:
+        raise failure
+    return summary
+
+
+class Progress:
+    """Tells the log about each accepted increment and keeps a table of all of them on disk."""
+
+    def __init__(self, experiment: Experiment, path: Path, log: logging.Logger):
+        self.experiment, self.path, self.log = experiment, path, log
+        self.increments: list[Increment] = []
+
+    def __call__(self, increment: Increment) -> None:
+        """Take note of an increment. Collective."""
+        self.increments.append(increment)
+        mended = f", {increment.shifted} of them mended" if increment.shifted else ""
+        self.log.info(
+            "%8.2f s    %-22s%s %2d Newton iterations%s",
+            increment.seconds,
+            control_text(self.experiment, increment.control),
+            "" if self.experiment.control == "load" else f" load {increment.load:<10.5g} N",
+            increment.iterations,
+            mended,
+        )
+        tables.write_csv(
+            self.experiment.network.comm,
+            self.path,
+            increments_table(self.experiment, self.increments),
+        )
+
+
+def increments_table(
+    experiment: Experiment, increments: list[Increment]
+) -> dict[str, np.ndarray | list]:
+    """Columns of all accepted increments, with units in their names; (n,) each."""
+    name, size = experiment.column
+    columns: dict[str, np.ndarray | list] = {
+        name: np.array([increment.control for increment in increments]) / size
+    }
+    columns["load_N"] = [increment.load for increment in increments]
+    for i, mode in enumerate(MODES):
+        columns[f"energy_{mode}_J"] = [increment.energies[i] for increment in increments]
+    columns |= {
+        "newton_iterations": [increment.iterations for increment in increments],
+        "residual_N": [increment.residual for increment in increments],
+        "tolerance_N": [increment.tolerance for increment in increments],
+        "asked": [int(increment.asked) for increment in increments],
+        "seconds": [increment.seconds for increment in increments],
+    }
+    return columns
+
+
+def warnings(result: TestResult) -> list[str]:
+    """What a user should know before trusting a result; sentences. Collective."""
+    experiment, fabric = result.experiment, result.network.fabric
+    comm = result.network.comm
+    told = []
+    if not experiment.finite:
+        laws = [
+            what
+            for what, law in (
+                ("shear law", fabric.shear_law),
+                ("warp's law of tension", fabric.warp_law),
+                ("weft's law of tension", fabric.weft_law),
+            )
+            if law is not None and law.name != "linear"
+        ]
+        laws += ["softening in compression"] if fabric.compression < 1.0 else []
+        if laws:
+            told.append(
+                "at small displacements only the moduli at rest act, not the "
+                f"{' and the '.join(laws)} (test.finite = true takes the laws)"
+            )
+        return told
+    largest, last = float(result.shear_angles_max.max()), fabric.shear.last_point
+    if largest > last:
+        told.append(
+            f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
+            f"shear law's table at {np.rad2deg(last):.1f} deg, where the law goes straight on"
+        )
+    strains = [state.fields["arm_strain"] for state in result.states]
+    least = min(comm.allgather(min(float(strain.min(initial=0.0)) for strain in strains)))
+    most = max(comm.allgather(max(float(strain.max(initial=0.0)) for strain in strains)))
+    # The strain at which yarns of cloth give way, as a rule (docs/laws.md).
+    if fabric.compression == 1.0 and least < -fabric.compression_width:
+        told.append(
+            f"yarns are compressed by up to {-100 * least:.2g} % and carry that like tension; "
+            "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
+        )
+    if most > BREAKING:
+        told.append(
+            f"yarns are stretched by up to {100 * most:.3g} %, which hardly any yarn stands; the "
+            "laws of tension know no rupture"
+        )
+    return told
+
+
+def _check_comparison(case: Case) -> None:
+    """Refuse what no membrane is there to compare with."""
+    asked = [key for key in ("compare", "ladder") if getattr(case.continuum, key)]
+    if not asked:
+        return
+    kind = case.test.kind
+    if kind not in COMPARED:
+        raise InputError(
+            f'continuum.{asked[0]}: there is no membrane to compare test.kind = "{kind}" with '
+            f"(there is for {', '.join(COMPARED)}), leave it out"
+        )
+    if getattr(case.test, "ends", "grip") == "free":
+        raise InputError(
+            f'continuum.{asked[0]} needs gripped ends, leave it out or set test.ends = "grip"'
+        )
+
+
+def _log_solver(log: logging.Logger, result: TestResult) -> None:
+    if result.solver is not None:
+        log.info(
+            "           %d unknowns, %s with %s, %d iterations, relative residual %.1e",
+            result.solver.unknowns,
+            result.solver.ksp,
+            result.solver.pc,
+            result.solver.iterations,
+            result.solver.relative_residual,
+        )
+        return
+    iterations = [increment.iterations for increment in result.increments]
+    log.info(
+        "           %d unknowns, %d increments, %.1f Newton iterations each (%d at most)",
+        result.unknowns,
+        len(iterations),
+        np.mean(iterations),
+        max(iterations),
+    )
+
+
+def _petsc_version() -> tuple[int, ...]:
+    from petsc4py import PETSc
+
+    return PETSc.Sys.getVersion()
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "cruciform_petsc": __version__,
+        "python": platform.python_version(),
+        "petsc": ".".join(map(str, _petsc_version())),
+        "petsc4py": petsc4py.__version__,
+        "numpy": np.__version__,
+    }
+
+
+def _values(case: Case, column: Any) -> Any:
+    """A column as it is if the case asked for a list, else its last value."""
+    plain = [float(value) for value in column]
+    return plain if case.test.is_curve else plain[-1]
+
+
+def _extensions(result: TestResult, curve: dict[str, np.ndarray]) -> np.ndarray:
+    """How far the loaded end has moved along the load, m; of a biaxial test, along the warp."""
+    if "crosshead_mm" in curve:
+        return 1e-3 * curve["crosshead_mm"]
+    if "tip_across_mm" in curve:
+        return 1e-3 * curve["tip_across_mm"]
+    if result.experiment.unit == "1":
+        preform = result.network.preform
+        sides = np.ptp(np.reshape(preform.outline.bounds, (2, 2)), axis=0)
+        return result.controls * float(abs(preform.rotation[0]) @ sides)
+    return result.controls
+
+
+def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> dict:
+    """The figures of a run; lists where the case asked for a list. Collective."""
+    curve = result.curve()
+    experiment = result.experiment
+    comm = result.network.comm
+    finite = result.solver is None
+    summary: dict[str, Any] = {
+        "title": case.title,
+        "kind": case.test.kind,
+        "finite": case.test.finite,
+        "ranks": comm.size,
+        "crossovers": statistics["crossovers"],
+        "dofs": result.unknowns if finite else result.unknowns_per_node * statistics["nodes"],
+        "load_n": _values(case, curve["load_N"]),
+        "extension_m": _values(case, _extensions(result, curve)),
+        "shear_centre_deg": _values(case, curve["shear_centre_deg"]),
+        "shear_max_deg": _values(case, curve["shear_max_deg"]),
+        "energy_j": {mode: _values(case, curve[f"energy_{mode}_J"]) for mode in MODES},
+    }
+    for name, column in curve.items():
+        if name not in ("load_N", "extension_mm") and not name.startswith("energy_"):
+            summary.setdefault(name.lower(), _values(case, column))
+    summary |= experiment.figures(result)
+    summary["solver"] = _solver(case, result)
+    if finite:
+        summary["increments"] = [
+            {
+                "control": increment.control,
+                "load_n": increment.load,
+                "newton_iterations": increment.iterations,
+                "residual_n": increment.residual,
+                "tolerance_n": increment.tolerance,
+                "shifted": increment.shifted,
+                "asked": increment.asked,
+                "seconds": increment.seconds,
+            }
+            for increment in result.increments
+        ]
+        summary["newton_iterations_per_increment"] = float(
+            np.mean([increment.iterations for increment in result.increments])
+        )
+    summary |= {
+        "network": {**statistics, "hanging_crossovers": hanging},
+        "model": case.test.model,
+        "bending": case.test.bending,
+        "case": case.model_dump(),
+        "versions": _versions(),
+    }
+    if result.uncarried is not None:
+        summary["uncarried_share_of_load"] = result.uncarried
+    return summary
+
+
+def _solver(case: Case, result: TestResult) -> dict[str, Any]:
+    """How the systems were solved: the linear one, or those of all Newton iterations together."""
+    if result.solver is not None:
+        return {
+            "ksp": result.solver.ksp,
+            "pc": result.solver.pc,
+            "iterations": result.solver.iterations,
+            "reason": result.solver.reason,
+            "relative_residual": result.solver.relative_residual,
+        }
+    from petsc4py import PETSc
+
+    chosen: dict[str, Any] = {"snes_type": "newtonls"}
+    chosen |= DIRECT if result.unknowns <= DIRECT_LIMIT else ITERATIVE
+    chosen |= case.solver.options
+    database = PETSc.Options(PREFIX)  # type: ignore[attr-defined]
+    types = {
+        name: database.getString(f"{name}_type", str(chosen[f"{name}_type"]))
+        for name in ("snes", "ksp", "pc")
+    }
+    return {
+        **types,
+        "newton_iterations": sum(increment.iterations for increment in result.increments),
+        "iterations": sum(increment.linear_iterations for increment in result.increments),
+    }
+
+
+def _write(case: Case, result: TestResult, directory: Path) -> None:
+    """Tables and ParaView files. Collective."""
+    comm, network, experiment = result.network.comm, result.network, result.experiment
+    tables.write_csv(comm, directory / "curve.csv", result.curve())
+    if experiment.has_zones:
         line = result.centre_line()
         tables.write_csv(
             comm,
@@ -172,70 +490,39 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
                 "shear_angle_deg": np.rad2deg(line.shear_angle),
             },
         )
-        if case.output.paraview:
-            paraview.write_network(
-                directory / "network.vtkhdf", network, result.node_displacement, result.fields
+    if case.output.paraview:
+        paraview.write_network(
+            directory / "network.vtkhdf", network, result.node_displacement, result.fields
+        )
+        if len(result.states) > 1:
+            paraview.write_series(
+                directory / "series.vtkhdf", network, result.states, experiment.column
             )
-    if case.output.pictures:
-        with stages.stage("pictures", "pictures drawn"):
-            figures.draw_all(directory, result, without, membrane, summary)
-    summary["wall_s"] = {**stages.seconds, "total": stages.total()}
-    summary["peak_mib_per_rank"] = peak_mib(comm)
-    tables.write_json(comm, directory / "summary.json", summary)
-    _tell(log, summary, directory)
-    return summary
 
 
-def _petsc_version() -> tuple[int, ...]:
-    from petsc4py import PETSc
-
-    return PETSc.Sys.getVersion()
-
-
-def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> dict:
-    """The figures of a run; lists where the case asked for a list. Collective."""
-    curve = result.curve()
-
-    def values(column: np.ndarray) -> Any:
-        return [float(value) for value in column] if case.test.is_curve else float(column[-1])
-
-    comm = result.network.comm
-    summary: dict[str, Any] = {
+def _write_nothing_but_increments(comm, case, directory, stages, progress, failure) -> None:
+    """Leave a summary of a test that reached none of the values asked for. Collective."""
+    summary = {
         "title": case.title,
+        "kind": case.test.kind,
+        "finite": case.test.finite,
         "ranks": comm.size,
-        "crossovers": statistics["crossovers"],
-        "dofs": result.unknowns_per_node * statistics["nodes"],
-        "load_n": values(curve["load_N"]),
-        "extension_m": values(1e-3 * curve["extension_mm"]),
-        "shear_centre_deg": values(curve["shear_centre_deg"]),
-        "shear_max_deg": values(curve["shear_max_deg"]),
-        "energy_j": {mode: values(curve[f"energy_{mode}_J"]) for mode in MODES},
-        "solver": {
-            "ksp": result.solver.ksp,
-            "pc": result.solver.pc,
-            "iterations": result.solver.iterations,
-            "reason": result.solver.reason,
-            "relative_residual": result.solver.relative_residual,
-        },
-        "network": {**statistics, "hanging_crossovers": hanging},
-        "model": case.test.model,
-        "bending": case.test.bending,
+        "ended_early": str(failure),
+        "increments": increments_table(progress.experiment, progress.increments),
         "case": case.model_dump(),
-        "versions": {
-            "cruciform_petsc": __version__,
-            "python": platform.python_version(),
-            "petsc": ".".join(map(str, _petsc_version())),
-            "petsc4py": petsc4py.__version__,
-            "numpy": np.__version__,
-        },
+        "versions": _versions(),
+        "wall_s": {**stages.seconds, "total": stages.total()},
     }
-    if result.uncarried is not None:
-        summary["uncarried_share_of_load"] = result.uncarried
-    return summary
+    tables.write_json(comm, directory / "summary.json", summary)
 
 
-def _compare(case, stages: Stages, result, without, summary) -> Any:
-    """Solve the membrane and compare; returns its result. Collective."""
+def _compare(case, stages: Stages, result, without, summary, directory: Path) -> list:
+    """Solve the membrane and compare; returns its result for each state. Collective.
+
+    At small displacements, where all states are in proportion, only the last one's.
+    """
+    if case.test.finite:
+        return _compare_finite(case, stages, result, summary, directory)
     with stages.stage("continuum", "dolfinx membrane solved and compared"):
         membrane = result.membrane(case.continuum.mesh_size_si)
         comparison = result.compare_with_membrane(membrane)
@@ -250,41 +537,107 @@ def _compare(case, stages: Stages, result, without, summary) -> Any:
         if without is not None:
             fair = without.compare_with_membrane(membrane)
             summary["continuum"]["without_bending"] = fair.as_dict()
-    return membrane
+    return [membrane]
+
+
+def _compare_finite(case, stages: Stages, result, summary, directory: Path) -> list:
+    from .continuum.hyperelastic import HyperelasticMembrane
+
+    network, experiment = result.network, result.experiment
+    which = "second-gradient membrane" if case.second_gradient else "hyperelastic membrane"
+    with stages.stage("continuum", f"{which} in dolfinx solved and compared"):
+        reference = HyperelasticMembrane(
+            network.comm,
+            network.preform,
+            network.fabric,
+            case.continuum.mesh_size_si,
+            bending=case.second_gradient,
+        )
+        membranes = reference.solve_bias_extension(result.extensions.tolist(), experiment.upper)
+        energy = sum(result.energies().values())
+        compared = [
+            _compare_state(result, i, float(energy[i]), membrane).as_dict()
+            for i, membrane in enumerate(membranes)
+        ]
+        columns = {key: [row[key] for row in compared] for key in compared[0]}
+        columns["load_n"] = [membrane.load for membrane in membranes]
+        columns["energy_j"] = [membrane.energy for membrane in membranes]
+        columns["newton_iterations"] = [membrane.newton_iterations for membrane in membranes]
+        summary["continuum"] = {name: _values(case, column) for name, column in columns.items()} | {
+            "second_gradient": case.second_gradient,
+            "stable": all(membrane.stable for membrane in membranes),
+            "dofs": membranes[-1].dofs,
+            "cells": membranes[-1].cells,
+            "mesh_size_m": membranes[-1].size,
+        }
+        tables.write_csv(
+            network.comm,
+            directory / "continuum.csv",
+            {
+                "extension_mm": 1e3 * result.extensions,
+                "load_network_N": result.loads,
+                "load_membrane_N": columns["load_n"],
+                "load_ratio": columns["load_ratio"],
+                "mean_abs_shear_difference_deg": columns["mean_abs_shear_deg"],
+            },
+        )
+    return membranes
+
+
+def _compare_state(result: TestResult, i: int, energy: float, membrane: Any) -> Any:
+    """Differences of one state to the membrane at the crossovers. Collective."""
+    from .continuum.compare import compare_fields
+
+    state, network = result.states[i], result.network
+    carrying = state.fields["carrying"]
+    return compare_fields(
+        network.comm,
+        network.crossover_position[carrying],
+        state.fields["displacement"][carrying],
+        state.fields["shear_angle"][carrying],
+        state.load,
+        energy,
+        membrane,
+    )
 
 
 def _ladder(comm, case: Case, stages: Stages, result, membrane) -> list[dict]:
     """Networks of the same fabric, finer and finer, against one membrane. Collective.
 
-    Without yarn bending, which the membrane does not have, so that the difference can vanish.
+    With yarn bending only where the membrane has it, so that the difference can vanish.
     """
     rungs = []
+    controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
     for refine in case.continuum.ladder or ():
         with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
             network = Network(comm, case.preform(refine=refine), case.fabric())
-            rung = _experiment(
-                case, network, False, extension=float(result.extension), load=None
+            rung = make_experiment(
+                case, network, bending=case.second_gradient, controls=controls
             ).solve()
             comparison = rung.compare_with_membrane(membrane)
         rungs.append(
-            {"refine": refine, "crossovers": network.num_crossovers_global}
-            | comparison.as_dict()
+            {"refine": refine, "crossovers": network.num_crossovers_global} | comparison.as_dict()
         )
     return rungs
 
 
-def _tell(log: logging.Logger, summary: dict, directory: Path) -> None:
+def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Path) -> None:
     """The result in a few lines."""
 
     def last(value: Any) -> float:
         return value[-1] if isinstance(value, list) else value
 
     log.info("")
-    log.info("extension     %s", format_si(last(summary["extension_m"]), "m"))
+    experiment = result.experiment
+    name, value, unit = control_text(experiment, result.states[-1].control).rsplit(" ", 2)
+    if experiment.control != "load":
+        log.info("%-13s %s %s", name, value, unit)
+    if name != "extension":
+        log.info("extension     %s", format_si(last(summary["extension_m"]), "m"))
     log.info("load          %s", format_si(last(summary["load_n"]), "N"))
     log.info(
         "shear angle   %.2f deg in the middle, %.2f deg at most",
-        last(summary["shear_centre_deg"]),
+        round(last(summary["shear_centre_deg"]), 2) + 0.0,  # no -0.00
         last(summary["shear_max_deg"]),
     )
     total = sum(last(value) for value in summary["energy_j"].values())
@@ -298,8 +651,8 @@ def _tell(log: logging.Logger, summary: dict, directory: Path) -> None:
     )
     for mode, share in summary.get("uncarried_share_of_load", {}).items():
         log.info("%-9s     cannot carry %.1f %% of the load by itself", mode, 100 * share)
-    continuum = summary.get("continuum")
-    if continuum:
+    continuum = summary.get("continuum", {})
+    if "load_ratio" in continuum:
         pairs = [("with bending" if summary["bending"] else "without bending", continuum)]
         if "without_bending" in continuum:
             pairs.append(("without bending", continuum["without_bending"]))
@@ -308,9 +661,9 @@ def _tell(log: logging.Logger, summary: dict, directory: Path) -> None:
                 "membrane      network %s: displacement differs by %.2f %%, load ratio %.4f, "
                 "energy ratio %.4f",
                 name,
-                100 * figures_["relative_l2_displacement"],
-                figures_["load_ratio"],
-                figures_["energy_ratio"],
+                100 * last(figures_["relative_l2_displacement"]),
+                last(figures_["load_ratio"]),
+                last(figures_["energy_ratio"]),
             )
         for rung in continuum.get("ladder", []):
             log.info(
@@ -320,6 +673,11 @@ def _tell(log: logging.Logger, summary: dict, directory: Path) -> None:
                 100 * rung["relative_l2_displacement"],
                 rung["load_ratio"],
             )
+    if summary.get("finite") and "load_ratio" in continuum:
+        log.info(
+            "              shear angle differs by %.2f deg in the mean",
+            last(continuum["mean_abs_shear_deg"]),
+        )
     peak = summary["peak_mib_per_rank"]
     log.info("memory        %.0f MiB on the largest rank", max(peak))
     log.info("results in    %s", directory)

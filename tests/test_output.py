@@ -357,11 +357,11 @@ def test_curves(tmp_path):
 
 def test_curves_start_at_the_origin():
     """Whichever way the test is driven, unless it goes through the origin anyway."""
-    x, y = pictures._from_origin([2.0, 1.0], [20.0, 10.0])
+    x, y = pictures.from_origin([2.0, 1.0], [20.0, 10.0])
     assert (x.tolist(), y.tolist()) == ([0, 1, 2], [0, 10, 20])
-    x, y = pictures._from_origin(-1.0, -10.0)
+    x, y = pictures.from_origin(-1.0, -10.0)
     assert (x.tolist(), y.tolist()) == ([-1, 0], [-10, 0])
-    x, y = pictures._from_origin([-1, 1], [-3, 3])
+    x, y = pictures.from_origin([-1, 1], [-3, 3])
     assert len(x) == 2
 
 

@@ -331,10 +331,16 @@ class TestResult:
         draw_yarns(path, self)
 
     def write(self, path: str) -> None:
-        """Write a file that ParaView opens: deformed yarns with their fields. Collective."""
-        from ..output.paraview import write_network
+        """Write a file that ParaView opens: deformed yarns with their fields. Collective.
 
-        write_network(path, self.network, self.node_displacement, self.fields)
+        Several states become a series over time, which is the control in the curve's units.
+        """
+        from ..output.paraview import write_network, write_series
+
+        if len(self.states) > 1:
+            write_series(path, self.network, self.states, self.experiment.column)
+        else:
+            write_network(path, self.network, self.node_displacement, self.fields)
 
 
 def _median(comm, values: np.ndarray) -> float:

@@ -1,26 +1,47 @@
 # SPDX-License-Identifier: MIT
-"""Which pictures a bias-extension run makes, from its result; pictures.py draws them."""
+"""Which pictures a run makes, from its result and its kind of test; pictures.py draws them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..assembly import MODES
 from . import pictures
 from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
-    from ..continuum.membrane import MembraneResult
-    from ..experiments.result import TestResult
+    from ..experiments.base import Experiment
+    from ..experiments.result import State, TestResult
+
+# What a unit in a column's name looks like in a log.
+UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
+EDGES = {
+    "biaxial": ("lower", "upper", "left", "right"),
+    "picture-frame": ("lower", "upper", "left", "right"),
+    "cantilever": ("lower",),
+}
+STAGES = 4  # states side by side
+
+
+def control_text(experiment: Experiment, control: float) -> str:
+    """Write a control for people: "extension 10 mm"."""
+    name, size = experiment.column
+    what, _, unit = name.rpartition("_")
+    if unit == "N" and abs(control) < 0.1:
+        size, unit = 1e-3, "mN"
+    what = "warp strain" if what == "strain_warp" else what
+    return f"{what} {control / size:.4g} {UNITS[unit]}"
 
 
 def draw_all(
     directory: Path,
     result: TestResult,
     without: TestResult | None,
-    membrane: MembraneResult | None,
+    membranes: Sequence[Any],
     summary: dict[str, Any],
 ) -> None:
     """Draw every picture of a run into a folder. Collective.
@@ -31,38 +52,44 @@ def draw_all(
     result : TestResult
     without : TestResult, optional
         The same without yarn bending.
-    membrane : MembraneResult, optional
+    membranes : sequence of MembraneResult or HyperelasticResult
+        For each state, or (small displacements) for the last one; may be empty.
     summary : dict
         The run's summary; its ladder is drawn if it has one.
     """
     comm, title = result.network.comm, summary["title"]
-    curve = result.curve()
+    experiment = result.experiment
+    membrane = membranes[-1] if len(membranes) else None
     sample = draw_yarns(directory / "yarns.png", result, title)
-    pictures.shear_against_load(
-        comm,
-        directory / "shear_against_load.png",
-        curve["load_N"],
-        curve["shear_centre_deg"],
-        curve["shear_max_deg"],
-        title=title,
-    )
-    pictures.load_against_extension(
-        comm,
-        directory / "load_against_extension.png",
-        curve["extension_mm"],
-        curve["load_N"],
-        title=title,
-    )
+    # A biaxial test is uniform: there is nothing to see but its curve.
+    if len(result.states) > 1 and experiment.finite and experiment.kind != "biaxial":
+        draw_stages(directory / "stages.png", result, title)
+    _draw_loads(directory, result, membranes, title)
+    if experiment.finite:
+        _draw_energies(directory / "energy.png", result, title)
+    if experiment.has_zones:
+        curve = result.curve()
+        if experiment.finite:
+            _draw_zones(directory / "zones.png", result, curve, title)
+        else:
+            pictures.shear_against_load(
+                comm,
+                directory / "shear_against_load.png",
+                curve["load_N"],
+                curve["shear_centre_deg"],
+                curve["shear_max_deg"],
+                title=title,
+            )
+        _draw_centre_line(directory / "centre_line.png", result, without, membrane, title)
+        _draw_maps(directory / "shear_map.png", result, membrane, title)
     if without is not None:
         pictures.with_and_without_bending(
             comm,
             directory / "with_and_without_bending.png",
             _yarns(without),
             sample,
-            clamps=_clamps(result),
+            clamps=_clamps(result, result.states[-1]),
         )
-    _draw_centre_line(directory / "centre_line.png", result, without, membrane, title)
-    _draw_maps(directory / "shear_map.png", result, membrane, title)
     ladder = summary.get("continuum", {}).get("ladder")
     if ladder:
         pictures.convergence(
@@ -81,23 +108,167 @@ def draw_all(
 def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
     """Draw the yarns before and after; returns what was drawn (rank 0). Collective."""
     sample = _yarns(result)
-    pictures.yarns_before_and_after(
-        result.network.comm, path, sample, title, clamps=_clamps(result)
-    )
+    clamps = _clamps(result, result.states[-1])
+    pictures.yarns_before_and_after(result.network.comm, path, sample, title, clamps=clamps)
     return sample
+
+
+def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
+    """Draw up to four states side by side, in true scale and with one colour scale. Collective."""
+    count = min(STAGES, len(result.states))
+    chosen = np.unique(np.linspace(0, len(result.states) - 1, count).round().astype(int))
+    panels = []
+    for state in (result.states[i] for i in chosen):
+        name = control_text(result.experiment, state.control).replace(" deg", "°")
+        load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
+        sample = sample_yarns(result.network, state.node_displacement, state.fields)
+        panels.append((name + load, sample, _clamps(result, state)))
+    pictures.stages(result.network.comm, path, panels, title)
 
 
 def _yarns(result: TestResult) -> YarnSample | None:
     return sample_yarns(result.network, result.node_displacement, result.fields)
 
 
-def _clamps(result: TestResult) -> list:
-    """Edges with their motion: the lower one, and the upper one if it is gripped."""
-    preform = result.network.preform
-    clamps = [(preform.edge("lower"), (0.0, 0.0))]
-    if result.experiment.upper == "grip":
-        clamps.append((preform.edge("upper"), (0.0, result.extension)))
+def _clamps(result: TestResult, state: State) -> list:
+    """Gripped edges, each with how far its corners have moved in a state."""
+    experiment, preform = result.experiment, result.network.preform
+    edges = EDGES.get(experiment.kind, ("lower", "upper"))
+    if getattr(experiment, "upper", "grip") == "centre-line":
+        edges = ("lower",)
+    if getattr(experiment, "ends", "grip") == "free":
+        edges = ()
+    clamps = []
+    for edge in edges:
+        segments = preform.edge(edge)
+        if experiment.finite:
+            gradient, shift = experiment.motion(edge, state.control)
+            moved = segments @ gradient.T + shift - segments
+        else:  # the tangent at rest
+            ahead, behind = (experiment.motion(edge, sign * 1e-6) for sign in (1.0, -1.0))
+            gradient, shift = (
+                0.5e6 * state.control * (a - b) for a, b in zip(ahead, behind, strict=True)
+            )
+            moved = segments @ gradient.T + shift
+        clamps.append((segments, moved))
     return clamps
+
+
+def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Control (in the column's unit), load (N) and energies (J; (n, 3)) all along the test."""
+    size = result.experiment.column[1]
+    if result.experiment.finite and result.increments:
+        control = [increment.control for increment in result.increments]
+        load = [increment.load for increment in result.increments]
+        energies = [increment.energies for increment in result.increments]
+        return np.array(control) / size, np.array(load), np.array(energies)
+    energies_ = np.column_stack([result.energies()[mode] for mode in MODES])
+    return result.controls / size, result.loads, energies_
+
+
+def _axis_label(result: TestResult) -> str:
+    name = result.experiment.column[0]
+    labels = {
+        "extension_mm": "extension (mm)",
+        "angle_deg": "shear angle of the frame (°)",
+        "strain_warp_percent": "warp strain (%)",
+        "load_N": "load (N)",
+    }
+    return labels[name]
+
+
+def _draw_loads(directory: Path, result: TestResult, membranes, title: str) -> None:
+    """The load, or what stands for it, against the control."""
+    comm, experiment = result.network.comm, result.experiment
+    control, load, _ = _path(result)
+    asked = result.controls / experiment.column[1]
+    if experiment.kind == "biaxial":
+        curve = result.curve()
+        curves = {
+            f"{name}, strain {ratio:.3g} of the warp's" if name == "weft" else name: (
+                asked, curve[f"tension_{name}_N_per_cm"]
+            )
+            for name, ratio in (("warp", 1.0), ("weft", experiment.ratio))  # type: ignore[attr-defined]
+        }  # fmt: skip
+        pictures.curves(
+            comm, directory / "tension_against_strain.png", curves,
+            ("warp strain (%)", "tension (N/cm)"), title,
+        )  # fmt: skip
+    elif experiment.kind == "cantilever":
+        curve = result.curve()
+        unit, size = ("N", 1.0) if np.abs(result.loads).max() >= 0.1 else ("mN", 1e-3)
+        curves = {
+            "across": (curve["tip_across_mm"], curve["load_N"] / size),
+            "along, towards the clamp": (-curve["tip_along_mm"], curve["load_N"] / size),
+        }
+        pictures.curves(
+            comm, directory / "load_against_deflection.png", curves,
+            ("deflection of the loaded edge (mm)", f"load ({unit})"), title,
+        )  # fmt: skip
+    else:
+        others = {}
+        if len(membranes) == len(asked):
+            others["membrane"] = (asked, np.array([membrane.load for membrane in membranes]))
+        name = experiment.column[0].partition("_")[0]
+        marks = None if len(control) == len(asked) else (asked, result.loads)
+        pictures.load_against_extension(
+            comm, directory / f"load_against_{name}.png", control, load,
+            points=others, marks=marks, xlabel=_axis_label(result), title=title,
+        )  # fmt: skip
+
+
+def _draw_energies(path: Path, result: TestResult, title: str) -> None:
+    control, _, energies = _path(result)
+    parts = {
+        "yarn bending" if mode == "bending" else mode: 1e3 * energies[:, i]
+        for i, mode in enumerate(MODES)
+        if mode != "bending" or result.experiment.bending
+    }
+    pictures.stacked(
+        result.network.comm,
+        path,
+        control,
+        parts,
+        (_axis_label(result), "strain energy (mJ)"),
+        title,
+    )
+
+
+def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
+    """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
+
+    With L0 = H - W: 90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)); NaN beyond its end. For rectangles
+    cut at 45 degrees with H >= 2 W and grips at both ends; None for all others.
+    """
+    preform = result.network.preform
+    low_x, low_y, high_x, high_y = preform.outline.bounds
+    width, length = high_x - low_x, high_y - low_y
+    box = abs(preform.outline.area - width * length) < 1e-9 * width * length
+    at_45 = abs(np.cos(2.0 * preform.bias_angle)) < 1e-9
+    grip = getattr(result.experiment, "upper", "") == "grip"
+    grip &= getattr(result.experiment, "ends", "grip") == "grip"
+    if not (box and at_45 and grip and length >= 2.0 * width * (1 - 1e-9)):
+        return None
+    free = length - width
+    cosine = (free + np.asarray(extension)) / (np.sqrt(2.0) * free)
+    cosine = np.where(cosine <= 1.0, cosine, np.nan)
+    return 90.0 - 2.0 * np.rad2deg(np.arccos(cosine))
+
+
+def _draw_zones(path: Path, result: TestResult, curve, title: str) -> None:
+    extension = curve["extension_mm"]
+    names = (("middle", "middle"), ("side", "beside it"), ("clamp", "at the clamps"))
+    zones = {
+        label: (extension, curve[f"shear_{zone}_deg"])
+        for zone, label in names
+        if np.isfinite(curve[f"shear_{zone}_deg"]).all()
+    }
+    fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
+    net = net_kinematics(result, 1e-3 * fine)
+    thin = {}
+    if net is not None:
+        thin = {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
+    pictures.zones(result.network.comm, path, zones, thin, title)
 
 
 def _draw_centre_line(path, result, without, membrane, title) -> None:

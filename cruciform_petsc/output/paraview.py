@@ -2,12 +2,15 @@
 """The deformed yarns as a VTKHDF file, for ParaView 5.12 and later.
 
 Every rank writes its own crossovers as one partition of an unstructured grid; no rank gathers.
-Values are in SI units except for angles, which are in degrees, as their names say.
+A series of states is one file with a time axis, of which ParaView makes an animation. Values
+are in SI units except for angles, which are in degrees, as their names say.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,8 +25,15 @@ if TYPE_CHECKING:
     import h5py
     from mpi4py import MPI
 
+    from ..experiments.result import State
+
 VTK_LINE = 3
 ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
+# Data that no deformation changes.
+CONSTANT = {
+    ("PointData", "crossover"), ("PointData", "node"), ("CellData", "yarn_family"),
+    ("CellData", "crossover"), ("CellData", "carrying"), ("CellData", "rank"),
+}  # fmt: skip
 
 
 def write_network(
@@ -63,10 +73,79 @@ def write_network(
         On every rank: the place cannot be written to. Nothing is left there then.
     """
     arrays = grid_arrays(network, node_displacement, fields)
+    write_by_rank(network.comm, path, "VTKHDF", arrays, _attributes(notes))
+
+
+def write_series(
+    path: str | Path,
+    network: Network,
+    states: Sequence[State],
+    column: tuple[str, float],
+    notes: Mapping[str, str | float] | None = None,
+) -> None:
+    """Write states, from rest on, to one ``.vtkhdf`` file with a time axis. Collective.
+
+    Time is the control of the test (extension, angle, strain or load), or the number of the state
+    where controls do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds
+    them. Cells and what does not change with time are in the file once; data as in `write_network`.
+
+    Parameters
+    ----------
+    path : str or Path
+    network : Network
+    states : sequence of State
+        The state at rest is put before them.
+    column : (str, float)
+        Name of the control with its unit, and that unit in SI: ("extension_mm", 1e-3).
+    notes : dict, optional
+        As in `write_network`.
+
+    Raises
+    ------
+    InputError
+        On every rank: the place cannot be written to. Nothing is left there then.
+    """
+    first = states[0]
+    at_rest = {
+        name: value if value.dtype == bool else np.zeros_like(value)
+        for name, value in first.fields.items()
+    }
+    arrays = grid_arrays(network, np.zeros_like(first.node_displacement), at_rest)
+    steps = (grid_arrays(network, s.node_displacement, s.fields) for s in states)
+    changing = {name for name in arrays if name == "Points" or name.startswith(("Point", "Cell"))}
+    changing -= {f"{data}/{name}" for data, name in CONSTANT}
+    total = {name: network.comm.allreduce(len(arrays[name])) for name in arrays if name in changing}
+    count = 1 + len(states)
+    step = np.arange(count)
+    none = np.zeros(count, np.int64)
+    name, size = column
+    controls = np.array([0.0, *(state.control / size for state in states)])
+    ascending = bool((np.diff(controls) > 0).all())
+    axis: dict[str, np.ndarray] = {
+        "Values": controls if ascending else step.astype(float),
+        "NumberOfParts": none + network.comm.allreduce(len(arrays["NumberOfPoints"])),
+        "PartOffsets": none,
+        "PointOffsets": step * total["Points"],
+        "CellOffsets": none[:, None],
+        "ConnectivityIdOffsets": none[:, None],
+    }
+    for array in arrays:
+        data, slash, field = array.partition("/")
+        if slash:
+            axis[f"{data}Offsets/{field}"] = step * total.get(array, 0)
+    time_is = np.bytes_(name if ascending else "state")
+    attributes = _attributes(notes) | {"time_is": time_is, "controls": controls}
+    write_by_rank(
+        network.comm, path, "VTKHDF", arrays, attributes,
+        steps=(count, changing, chain([arrays], steps)), axis=axis,
+    )  # fmt: skip
+
+
+def _attributes(notes: Mapping[str, str | float] | None) -> dict:
     attributes: dict = {"Version": np.array([2, 0]), "Type": np.bytes_("UnstructuredGrid")}
     for name, note in (notes or {}).items():
         attributes[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
-    write_by_rank(network.comm, path, "VTKHDF", arrays, attributes)
+    return attributes
 
 
 def grid_arrays(
@@ -133,6 +212,8 @@ def write_by_rank(
     group: str,
     arrays: Mapping[str, np.ndarray],
     attributes: Mapping[str, object],
+    steps: tuple[int, Iterable[str], Iterable[Mapping[str, np.ndarray]]] | None = None,
+    axis: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Write an HDF5 file in which every dataset is the ranks' arrays one after the other.
 
@@ -149,6 +230,11 @@ def write_by_rank(
         The same names, types and trailing shapes on every rank; n may differ and be 0.
     attributes : dict
         Of the group; the same on every rank.
+    steps : (count, names, iterable of arrays), optional
+        Arrays of so many steps, of which those named are written one step after the other; those
+        of the first step are ``arrays``. Made as they are needed.
+    axis : dict of arrays, optional
+        Of the group ``Steps``, with an attribute ``NSteps``; the same on every rank.
 
     Raises
     ------
@@ -160,33 +246,46 @@ def write_by_rank(
     lengths = np.array(comm.allgather([len(array) for array in arrays.values()]))
     begin = dict(zip(arrays, lengths[: comm.rank].sum(axis=0), strict=True))
     total = dict(zip(arrays, lengths.sum(axis=0), strict=True))
+    count, named, every_step = (1, (), [arrays]) if steps is None else steps
+    changing = set(named)
 
     def create(file: h5py.File) -> None:
         root = file.create_group(group)
         for name, value in attributes.items():
             root.attrs[name] = value
         for name, array in arrays.items():
-            root.create_dataset(name, (total[name], *array.shape[1:]), array.dtype)
+            rows = total[name] * (count if name in changing else 1)
+            root.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
+        for name, array in (axis or {}).items():
+            root.create_dataset(f"Steps/{name}", array.shape, array.dtype)
+        if axis:
+            root["Steps"].attrs["NSteps"] = count
 
-    def fill(file: h5py.File) -> None:
-        for name, array in arrays.items():
-            if len(array):
-                file[f"{group}/{name}"][begin[name] : begin[name] + len(array)] = array
+    def fill(file: h5py.File, step: int, of_step: Mapping[str, np.ndarray]) -> None:
+        for name, array in of_step.items():
+            if len(array) and (step == 0 or name in changing):
+                first = step * total[name] + begin[name]
+                file[f"{group}/{name}"][first : first + len(array)] = array
+        if step == 0 and comm.rank == 0:
+            for name, array in (axis or {}).items():
+                file[f"{group}/Steps/{name}"][...] = array
 
     together = comm.size > 1 and h5py.get_config().mpi
     options = {"driver": "mpio", "comm": comm} if together else {}
     temporary = on_root(comm, lambda: start_file(path))
     problem = None
-    for turn in range(1 if together else comm.size):
-        try:
-            if together or turn == comm.rank:
-                with h5py.File(temporary, "r+" if turn else "w", **options) as file:
-                    if turn == 0:
-                        create(file)
-                    fill(file)
-        except (OSError, RuntimeError) as error:
-            problem = str(error)
-        problems = [told for told in comm.allgather(problem) if told]
-        if problems:
-            break
-    on_root(comm, lambda: finish_file(path, temporary, *problems[:1]))
+    for step, of_step in enumerate(every_step):
+        for turn in range(1 if together else comm.size):
+            try:
+                if together or turn == comm.rank:
+                    mode = "r+" if turn or step else "w"
+                    with h5py.File(temporary, mode, **options) as file:
+                        if mode == "w":
+                            create(file)
+                        fill(file, step, of_step)
+            except (OSError, RuntimeError) as error:
+                problem = str(error)
+            problems = [told for told in comm.allgather(problem) if told]
+            if problems:
+                on_root(comm, partial(finish_file, path, temporary, problems[0]))
+    on_root(comm, lambda: finish_file(path, temporary))

@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 Curves = Mapping[str, tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]]
-# Segments of an edge (n, 2, 2) with the cloth on their left (Preform.edge), and its motion (2,).
-Clamp = tuple[np.ndarray, Sequence[float]]
+# Segments of an edge (n, 2, 2) with the cloth on their left (Preform.edge), and its motion:
+# (2,), or of each end (n, 2, 2).
+Clamp = tuple[np.ndarray, Sequence[float] | np.ndarray]
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -47,6 +48,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
+ROUNDING_DEG = 1e-6  # angles below are none
 
 
 # -- the specimen -------------------------------------------------------------------------------
@@ -75,7 +77,7 @@ def yarns_before_and_after(
     scale : float
         Exaggerates the displacement; said in the picture unless it is 1.
     """
-    _draw_yarns(comm, path, {title: sample}, clamps, scale)
+    _draw_yarns(comm, path, [(title, sample, clamps)], scale)
 
 
 def with_and_without_bending(
@@ -88,42 +90,76 @@ def with_and_without_bending(
     scale: float = 1.0,
 ) -> None:
     """Draw both side by side with one colour scale: the paper's figure 6. See above."""
-    samples = {"no yarn bending": without, "with yarn bending": with_bending}
-    _draw_yarns(comm, path, samples, clamps, scale)
+    samples = [("no yarn bending", without, clamps), ("with yarn bending", with_bending, clamps)]
+    _draw_yarns(comm, path, samples, scale)
 
 
-def _draw_yarns(comm, path, samples: Mapping[str, YarnSample | None], clamps, scale) -> None:
+def stages(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    panels: Sequence[tuple[str, YarnSample | None, Sequence[Clamp]]],
+    title: str = "",
+) -> None:
+    """Draw states of one test side by side in true scale, with one colour scale.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    panels : sequence of (title, sample, clamps)
+        See `yarns_before_and_after`; samples are needed on rank 0 only.
+    title : str
+        Above all of them.
+    """
+    _draw_yarns(comm, path, panels, 1.0, before=False, heading=title)
+
+
+def _draw_yarns(comm, path, panels, scale: float, before: bool = True, heading: str = "") -> None:
     def draw() -> Figure:
-        drawn = {title: sample for title, sample in samples.items() if sample is not None}
-        colours = _angle_colours([sample.shear_angle_deg for sample in drawn.values()])
-        points = [p for s in drawn.values() for p in (s.before, s.after(scale))]
+        drawn = [panel for panel in panels if panel[1] is not None]
+        samples = [sample for _, sample, _ in drawn]
+        colours = _angle_colours([sample.shear_angle_deg for sample in samples])
+        points = [s.after(scale) for s in samples] + [s.before for s in samples if before]
         low, high = _bounds(points)
-        bar = np.array([0.0, 0.03]) * (high - low)
-        edges = [segments + scale * np.asarray(motion) for segments, motion in clamps]
-        low, high = _bounds([low[None], high[None], *(edge.reshape(-1, 2) for edge in edges)])
-        if clamps:
-            low, high = low - bar, high + bar
-        panels = _Panels(low, high, len(drawn))
-        for axes, (title, sample) in zip(panels.axes, drawn.items(), strict=True):
-            _add_yarns(axes, sample, scale, colours, panels.points_per_metre)
-            for edge in edges:
-                _add_clamp(axes, edge, bar[1])
+        bar = 0.03 * float((high - low).max())
+        edges = [
+            [segments + scale * np.asarray(motion) for segments, motion in clamps]
+            for _, _, clamps in drawn
+        ]
+        # Bars lie outside of the cloth, on whichever side that is.
+        low, high = _bounds(
+            [
+                low[None],
+                high[None],
+                *(_bar(a, b, bar) for edge in edges for e in edge for a, b in e),
+            ]
+        )
+        figure = _Panels(low, high, len(drawn))
+        for axes, (title, sample, _), clamped in zip(figure.axes, drawn, edges, strict=True):
+            _add_yarns(axes, sample, scale, colours, figure.points_per_metre, before)
+            for edge in clamped:
+                _add_clamp(axes, edge, bar)
             axes.set_title(title)
-        panels.colour_bar(-1, colours, ANGLE_LABEL)
-        every = max(sample.every for sample in drawn.values())
+        figure.colour_bar(-1, colours, ANGLE_LABEL)
+        if heading:
+            figure.heading(heading)
+        every = max(sample.every for sample in samples)
         notes = [f"1 in {every} yarns drawn"] if every > 1 else []
         notes += [f"displacement drawn {scale:g} times"] if scale != 1.0 else []
-        panels.note("\n".join(notes))
-        return panels.figure
+        figure.note("\n".join(notes))
+        return figure.figure
 
     _save(comm, path, draw)
 
 
-def _add_yarns(axes: Axes, sample: YarnSample, scale: float, colours, points_per_metre) -> None:
+def _add_yarns(
+    axes: Axes, sample: YarnSample, scale: float, colours, points_per_metre, before: bool = True
+) -> None:
     from matplotlib.collections import LineCollection
 
     lines = np.split(1e3 * sample.before, sample.first[1:])
-    axes.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
+    if before:
+        axes.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
     width = np.clip(0.2 * points_per_metre * sample.spacing, 0.4, 2.6)
     norm, colour_map, _ = colours
     segment = sample.segment
@@ -150,13 +186,20 @@ def _add_clamp(axes: Axes, segments: np.ndarray, thickness: float) -> None:
     """Hatched bars on the side of an edge where there is no cloth."""
     from matplotlib.patches import Polygon
 
-    for a, b in 1e3 * segments:
-        along = (b - a) / np.linalg.norm(b - a)
-        out = 1e3 * thickness * np.array([along[1], -along[0]])
-        bar = Polygon([a, b, b + out, a + out], facecolor="0.93", edgecolor="0.35", hatch="/////")
+    for a, b in segments:
+        corners = 1e3 * _bar(a, b, thickness)
+        a, b = 1e3 * a, 1e3 * b
+        bar = Polygon(corners, facecolor="0.93", edgecolor="0.35", hatch="/////")
         bar.set(linewidth=0, zorder=3, clip_on=False)
         axes.add_patch(bar)
         axes.plot(*np.array([a, b]).T, color="0.1", linewidth=1.4, zorder=4, clip_on=False)
+
+
+def _bar(a: np.ndarray, b: np.ndarray, thickness: float) -> np.ndarray:
+    """Corners (4, 2) of a bar to the right of the way from a to b."""
+    along = (b - a) / np.linalg.norm(b - a)
+    out = thickness * np.array([along[1], -along[0]])
+    return np.array([a, b, b + out, a + out])
 
 
 # -- maps ---------------------------------------------------------------------------------------
@@ -257,7 +300,7 @@ def shear_against_load(
     curves = {"middle of the specimen": (load_N, shear_centre_deg)}
     if shear_max_deg is not None:
         curves["largest"] = (load_N, shear_max_deg)
-    curves = {label: _from_origin(*curve) for label, curve in curves.items()}
+    curves = {label: from_origin(*curve) for label, curve in curves.items()}
     labels = ("load (N)", ANGLE_LABEL)
     _draw_curves(comm, path, curves | dict(others or {}), labels, title)
 
@@ -269,12 +312,128 @@ def load_against_extension(
     load_N: Sequence[float] | np.ndarray,
     *,
     others: Curves | None = None,
+    points: Curves | None = None,
+    marks: tuple[np.ndarray, np.ndarray] | None = None,
+    xlabel: str = "extension (mm)",
     title: str = "",
 ) -> None:
-    """Draw the load against the extension; ``others`` as (extension_mm, load_N). See above."""
-    curves = {"network": _from_origin(extension_mm, load_N)} | dict(others or {})
-    labels = ("extension (mm)", "load (N)")
-    _draw_curves(comm, path, curves, labels, title)
+    """Draw the load against the extension, or whatever ``xlabel`` says.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    extension_mm, load_N : float (n,)
+        In the order of the test, which may turn back. Needed on rank 0 only.
+    others, points : dict of (extension_mm, load_N)
+        More curves by label, and what is drawn as points only.
+    marks : (extension_mm, load_N), optional
+        Points of the curve to mark; by default all of them, if they are few.
+    xlabel, title : str
+    """
+    mine = {"network": from_origin(extension_mm, load_N)}
+
+    def draw() -> Figure:
+        figure, axes = _curve_axes((xlabel, "load (N)"), title)
+        for i, (label, (x, y)) in enumerate((mine | dict(others or {})).items()):
+            style = _line(i, len(x))
+            if i == 0 and marks is not None:
+                style.pop("marker", None)
+                axes.plot(x, y, label=label, **style)
+                axes.plot(*marks, "o", color=COLOURS[0], markersize=4, clip_on=False, zorder=3)
+            else:
+                axes.plot(x, y, label=label, **style)
+        count = len(mine) + len(others or {})
+        for i, (label, (x, y)) in enumerate((points or {}).items(), count):
+            style = {"color": COLOURS[i], "marker": MARKERS[i], "markersize": 6, "clip_on": False}
+            axes.plot(x, y, label=label, linestyle="", fillstyle="none", zorder=4, **style)
+        _include_zero(axes)
+        _legend(axes, count + len(points or {}))
+        return figure
+
+    _save(comm, path, draw)
+
+
+def curves(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    lines: Curves,
+    labels: tuple[str, str],
+    title: str = "",
+) -> None:
+    """Draw curves (x, y) by label from the origin on; ``labels`` of the axes."""
+    _draw_curves(
+        comm, path, {key: from_origin(*line) for key, line in lines.items()}, labels, title
+    )
+
+
+def zones(
+    comm: MPI.Intracomm, path: str | Path, lines: Curves, thin: Curves, title: str = ""
+) -> None:
+    """Draw the shear angle of zones against the extension, with thin lines of a formula.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    lines, thin : dict of (extension_mm, shear_deg)
+        By label (an empty one is not told); needed on rank 0 only.
+    title : str
+    """
+
+    def draw() -> Figure:
+        figure, axes = _curve_axes(("extension (mm)", ANGLE_LABEL), title)
+        for label, (x, y) in thin.items():
+            axes.plot(x, y, color="0.4", linewidth=0.9, label=label or None, zorder=2)
+        for i, (label, (x, y)) in enumerate(lines.items()):
+            x, y = from_origin(x, y)
+            # Between few points a straight line says nothing.
+            axes.plot(x, y, label=label, **_line(i, len(x)) | {"linewidth": 0.7})
+        _include_zero(axes)
+        axes.legend(frameon=False, loc="upper left")
+        return figure
+
+    _save(comm, path, draw)
+
+
+def stacked(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    x: np.ndarray,
+    parts: Mapping[str, np.ndarray],
+    labels: tuple[str, str],
+    title: str = "",
+) -> None:
+    """Draw parts of a whole, one upon the other, against x (n,), from the origin on.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    x : float (n,)
+    parts : dict of float (n,)
+        Not negative, by label; needed on rank 0 only. Drawn up to the largest |x| of a test that
+        turns back.
+    labels : (str, str)
+        Of the axes.
+    title : str
+    """
+
+    def draw() -> Figure:
+        figure, axes = _curve_axes(labels, title)
+        until = 1 + int(np.abs(x).argmax())
+        along = np.concatenate([[0.0], x[:until]])
+        heights = [np.concatenate([[0.0], part[:until]]) for part in parts.values()]
+        axes.stackplot(along, heights, labels=list(parts), colors=COLOURS, alpha=0.85, linewidth=0)
+        axes.plot(along, np.sum(heights, axis=0), color="0.15", linewidth=1.0)
+        axes.set_xlim(min(along), max(along))
+        axes.set_ylim(0.0, None)
+        # As they lie upon each other.
+        handles, names = axes.get_legend_handles_labels()
+        axes.legend(handles[::-1], names[::-1], frameon=False, loc="upper left")
+        return figure
+
+    _save(comm, path, draw)
 
 
 def shear_along_centre_line(
@@ -397,13 +556,19 @@ def _number_log_axes(axes: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _from_origin(x, y) -> tuple[np.ndarray, np.ndarray]:
-    """Put the origin, which every test starts from, before a curve that lacks it."""
+def from_origin(x, y) -> tuple[np.ndarray, np.ndarray]:
+    """Put the origin, which every test starts from, before a curve that lacks it.
+
+    A curve that turns back stays in its order.
+    """
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
-    order = np.argsort(x, kind="stable")
-    x, y = x[order], y[order]
+    step = np.diff(x)
+    turns = (step > 0).any() and (step < 0).any()
+    if not turns:
+        order = np.argsort(x, kind="stable")
+        x, y = x[order], y[order]
     if len(x) and ((x > 0).all() or (x < 0).all()):
-        at = 0 if x[0] > 0 else len(x)
+        at = 0 if turns or x[0] > 0 else len(x)
         x, y = np.insert(x, at, 0.0), np.insert(y, at, 0.0)
     return x, y
 
@@ -427,7 +592,7 @@ class _Panels:
     Everything is placed in inches, so that tall and wide specimens get tight pictures alike.
     """
 
-    HEIGHT, WIDEST, GAP, BAR = 5.2, 6.4, 0.25, 0.95
+    HEIGHT, WIDEST, GAP, BAR = 5.2, 6.4, 0.35, 0.95
 
     def __init__(self, low, high, columns: int, bar_after: int | None = None):
         from matplotlib.figure import Figure
@@ -451,7 +616,7 @@ class _Panels:
             axes.set_xlim(*1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
             axes.set_ylim(*1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
             axes.set_xlabel("x (mm)")
-            room = max(2, min(6, int(self.width / 0.55)))
+            room = max(2, min(6, int(self.width / 0.6)))
             axes.locator_params(axis="x", nbins=room, min_n_ticks=2)
             axes.tick_params(direction="out", length=3, color="0.5")
             axes.spines[:].set_color("0.75")
@@ -472,6 +637,12 @@ class _Panels:
         norm, colour_map, extend = colours
         place = self._axes(self.left[panel] + self.width + 0.14, 0.14)
         self.figure.colorbar(ScalarMappable(norm, colour_map), place, label=label, extend=extend)
+
+    def heading(self, text: str) -> None:
+        """Write a title above all panels."""
+        y = (0.5 + self.height + 0.55) / self.total[1]
+        x = 0.5 * (self.left[0] + self.left[-1] + self.width) / self.total[0]
+        self.figure.text(x, y, text, fontsize=11, ha="center", va="bottom")
 
     def note(self, text: str) -> None:
         """Write small print below the first panel."""
@@ -499,12 +670,16 @@ def _angle_colours(
     every = every[np.isfinite(every)] if np.isfinite(every).any() else np.zeros(1)
     low = np.quantile(every, 1.0 - share, method="lower")
     high = np.quantile(every, share, method="higher")
-    if min(-low, high) > 0.15 * max(-low, high):
+    if min(-low, high) > max(0.15 * max(-low, high), ROUNDING_DEG):
         return _difference_colours(every, share)
     # The light end of plasma would be lost on white paper.
     shades = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.9, 256)))
     shades.set_bad("0.75")
-    limits = (0.0, high or 1.0) if high >= -low else (low, 0.0)
+    if max(-low, high) < ROUNDING_DEG:
+        low, high = 0.0, 1.0
+    limits = (0.0, high) if high >= -low else (low, 0.0)
+    if high < -low:
+        shades = shades.reversed()  # dark is none
     return Normalize(*limits), shades, _extend(every, *limits)
 
 
