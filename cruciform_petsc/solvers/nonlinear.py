@@ -477,7 +477,9 @@ class Path:
             equilibrium.x, equilibrium.load_factor = before
             model.prescribe(equilibrium.x, self.drive(self.control)[0])
             raise
-        self.states = [*self.states[-2:], (control, equilibrium.x.copy())]
+        # Where a path turns back, two states may have one control: the newer one counts.
+        kept = [state for state in self.states if state[0] != control][-2:]
+        self.states = [*kept, (control, equilibrium.x.copy())]
         return increment
 
     def _guess(self, control: float, motions: Motions) -> np.ndarray:
