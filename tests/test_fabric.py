@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The cloth: constitutive numbers, checks, library."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -291,7 +292,38 @@ def test_changes_to_a_fabric_of_the_library():
     assert (fabric.name, fabric.warp) == (name, Fabric.from_library(name).warp)
     assert fabric.shear.name == "table"
     assert (fabric.log_strain, fabric.compression) == (True, 1.0)
-    assert Fabric.from_library(name).shear_law is None
+    assert Fabric.from_library(name).shear != fabric.shear
+
+
+def test_masses_and_thickness():
+    """For exports only: a layer of 0.3 mm of glass in 0.75 mm of cloth."""
+    data = {"areal_density": "750 g/m^2", "thickness": "0.75 mm", "fibre_density": "2.5 g/cm^3"}
+    fabric = Fabric.from_table("f", PLAIN | data)
+    values = (fabric.areal_density, fabric.thickness, fabric.fibre_density)
+    assert values == pytest.approx((0.75, 0.75e-3, 2500.0), rel=1e-14)
+    assert fabric.fibre_volume_fraction == pytest.approx(0.4, rel=1e-14)
+    for name in data:
+        assert replace(fabric, **{name: None}).fibre_volume_fraction is None
+    assert Fabric.from_table("f", PLAIN).areal_density is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"areal_density": 576}, "fabric.areal_density is the bare number 576, give it a unit"),
+        ({"fibre_density": "2.5 g/cm^2"}, 'fabric.fibre_density = "2.5 g/cm^2" has the unit'),
+        ({"thickness": "0 mm"}, "fabric.thickness must be positive and finite, got 0 mm"),
+        ({"areal_density": "-1 g/m^2"}, "fabric.areal_density must be positive and finite, got -1"),
+        (
+            {"areal_density": "750 g/m^2", "thickness": "0.2 mm", "fibre_density": "2.5 g/cm^3"},
+            "fabric.areal_density over fabric.fibre_density is a layer of 0.3 mm without any gaps, "
+            "which is more than fabric.thickness = 0.2 mm",
+        ),
+    ],
+)
+def test_masses_that_cannot_be(changes, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        Fabric.from_table("f", PLAIN | changes)
 
 
 def test_with_shear_law():

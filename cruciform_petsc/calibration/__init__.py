@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: MIT
+"""Inverse identification of the shear law from a measured load curve; see calibrate.py."""
+
+from .curve import MeasuredCurve, read_curve
+from .identify import Calibration, calibrate
+
+__all__ = ["Calibration", "MeasuredCurve", "calibrate", "read_curve"]

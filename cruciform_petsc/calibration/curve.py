@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: MIT
+"""Measured load curves: columns of a text file, as test machines write them, to SI numbers."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..units import format_si, parse_unit
+
+# More points than this are averaged, because each costs an equilibrium of the network.
+MOST_POINTS = 40
+FEWEST_POINTS = 4
+# Fall of the displacement, over its range, that is a turn of the machine and no noise.
+TURN = 0.02
+_EXAMPLE = '"displacement [mm], force [N]"'
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCurve:
+    """Force over displacement, in order of displacement.
+
+    Attributes
+    ----------
+    displacement : float (n,)
+        Positive and ascending [m].
+    force : float (n,)
+        Positive [N].
+    rows : int
+        How many rows were measured; more than n if neighbours have been averaged.
+    """
+
+    displacement: np.ndarray
+    force: np.ndarray
+    rows: int
+
+    @classmethod
+    def from_points(cls, displacement, force, most: int = MOST_POINTS) -> MeasuredCurve:
+        """Sort, average and check points.
+
+        Points at rest (zero displacement) say nothing and are left out. Equal displacements are
+        averaged, and so are all within each of ``most`` equal steps, if there are more points.
+
+        Parameters
+        ----------
+        displacement, force : sequence of float
+            In m and N.
+        most : int
+
+        Raises
+        ------
+        InputError
+            Numbers that are not finite or negative, a displacement that turns back, too few points,
+            a force that is not positive.
+        """
+        d, f = np.array(displacement, float), np.array(force, float)
+        if d.shape != f.shape or d.ndim != 1:
+            raise InputError(f"displacement and force differ in length, {d.size} and {f.size}")
+        if not (np.isfinite(d).all() and np.isfinite(f).all()):
+            raise InputError("the measured curve has numbers that are not finite")
+        if (d < 0.0).any():
+            raise InputError(
+                f"the measured curve has the negative displacement {format_si(d.min(), 'm')}, it "
+                "must begin at rest"
+            )
+        rows = len(d)
+        largest = np.maximum.accumulate(d) if rows else d
+        if rows and (largest - d).max() > TURN * np.ptp(d):
+            at = largest[(largest - d).argmax()]
+            raise InputError(
+                f"the displacement of the measured curve turns back after {format_si(at, 'm')}, "
+                "give the loading branch only"
+            )
+        d, f = d[d > 0.0], f[d > 0.0]
+        step = np.unique(d, return_inverse=True)[1]
+        if step.size and step.max() >= most:
+            step = np.minimum((d - d.min()) / np.ptp(d) * most, most - 1).astype(int)
+            step = np.unique(step, return_inverse=True)[1]
+        count = np.bincount(step)
+        d, f = np.bincount(step, weights=d) / count, np.bincount(step, weights=f) / count
+        if len(d) < FEWEST_POINTS:
+            raise InputError(
+                f"the measured curve has {len(d)} points with a displacement, at least "
+                f"{FEWEST_POINTS} are needed"
+            )
+        if (f <= 0.0).any():
+            first = int(np.flatnonzero(f <= 0.0)[0])
+            raise InputError(
+                f"the force of the measured curve must be positive, it is "
+                f"{format_si(f[first], 'N')} at {format_si(d[first], 'm')}; take the slack out"
+            )
+        return cls(d, f, rows)
+
+
+def read_curve(path: str | Path, most: int = MOST_POINTS) -> MeasuredCurve:
+    """Read the columns of displacement and force of a CSV file.
+
+    The first line names the columns and their units, as in "displacement [mm], force [N]",
+    "extension_mm,load_N" or "Weg (mm);Kraft (kN)"; units may also have the second line to
+    themselves. Which column is which follows from the units. Columns end with a tab, a semicolon
+    (both allow decimal commas) or a comma. Lines that begin with # are comments.
+
+    Parameters
+    ----------
+    path : str or Path
+    most : int
+        More points are averaged, see MeasuredCurve.from_points.
+
+    Raises
+    ------
+    InputError
+        One sentence, with the file and mostly the line.
+    """
+    name = f'measured curve "{path}"'
+    lines = _lines(Path(path), name)
+    if not lines:
+        raise InputError(f"{name} is empty")
+    head = lines[0][1]
+    delimiter = next((mark for mark in "\t;" if mark in head), ",")
+    rows = [
+        (number, [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))])
+        for number, text in lines
+    ]
+    titles, body = rows[0][1], rows[1:]
+    if all(_number(cell, delimiter) is not None for cell in titles):
+        raise InputError(f"{name} has no header with units, write for example {_EXAMPLE}")
+    # Some machines write the units into a line of their own.
+    if body and len(body[0][1]) == len(titles) and not any(
+        _number(cell, delimiter) is not None for cell in body[0][1]
+    ):  # fmt: skip
+        titles = [
+            f"{title} [{unit.strip('()[]')}]"
+            for title, unit in zip(titles, body[0][1], strict=True)
+        ]
+        body = body[1:]
+    columns = {}
+    for what, unit in (("displacement", "m"), ("force", "N")):
+        found = [
+            (i, factor)
+            for i, title in enumerate(titles)
+            if (factor := _factor_in(title, unit)) is not None
+        ]
+        shown = ", ".join(titles)
+        if len(found) != 1:
+            number_of = "no column" if not found else f"{len(found)} columns"
+            raise InputError(
+                f'{name} has {number_of} with a unit of {what} in its header "{shown}", '
+                f"write for example {_EXAMPLE}"
+            )
+        columns[what] = found[0]
+    values: dict[str, list[float]] = {"displacement": [], "force": []}
+    for line, cells in body:
+        if len(cells) != len(titles):
+            hint = ", decimal commas need semicolons" if delimiter == "," else ""
+            raise InputError(
+                f"{name}, line {line}, has {len(cells)} columns instead of {len(titles)}{hint}"
+            )
+        for what, (column, factor) in columns.items():
+            number = _number(cells[column], delimiter)
+            if number is None or not np.isfinite(number):
+                raise InputError(
+                    f'{name}, line {line}: {what} must be a finite number, got "{cells[column]}"'
+                )
+            values[what].append(factor * number)
+    try:
+        return MeasuredCurve.from_points(values["displacement"], values["force"], most)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _lines(path: Path, name: str) -> list[tuple[int, str]]:
+    """Lines with their numbers, without comments and empty ones."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{name} does not exist") from None
+    except IsADirectoryError:
+        raise InputError(f"{name} is a folder, name a CSV file in it") from None
+    except OSError as error:
+        raise InputError(f"{name} cannot be read: {error.strerror}") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")  # a name with an umlaut; the numbers are ASCII
+    if "\0" in text:
+        raise InputError(f"{name} is not a text file")
+    lines = [(i, line.strip(" ")) for i, line in enumerate(text.splitlines(), 1)]
+    return [(i, line) for i, line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _number(cell: str, delimiter: str) -> float | None:
+    """Read a number; a decimal comma only where commas do not part columns."""
+    if delimiter != "," and cell.count(",") == 1 and "." not in cell:
+        cell = cell.replace(",", ".")
+    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", cell):
+        return None
+    return float(cell)
+
+
+def _factor_in(title: str, unit: str) -> float | None:
+    """Return how many `unit` one of the unit in a column's title is, or None if it has no such."""
+    in_brackets = re.findall(r"[\[(]([^\])]*)[\])]", title)
+    # A unit in brackets is the unit; without, it is what the name ends with.
+    parts = in_brackets[-1:] or re.split(r"[\s_/,]+", title.strip())[-1:]
+    for part in parts:
+        try:
+            return parse_unit(part, unit)
+        except ValueError:
+            continue
+    return None

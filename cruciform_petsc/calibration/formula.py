@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Shear law from a bias test in closed form, by the kinematics of an inextensible net.
+
+Cao et al. 2008, Composites A 39:1037, eqs. 12-18. For a strip of length H >= 2 W and width W cut at
+45 degrees (shorter ones are locked: yarns of both clamps cross), with L0 = H - W and the clamps
+moved apart by d:
+
+    g = 90deg - 2 arccos((L0 + d)/(sqrt(2) L0))       shear in the middle, half of it beside
+    (2 H - 3 W) C(g) = (H/W - 1) F (cos g/2 - sin g/2) - W C(g/2)
+
+C, a torque per area, is psi' of docs/laws.md: with the zones' areas, W (2 H - 3 W)/2 in the middle
+and W^2 beside, work is F dd = W (2 H - 3 W)/2 C(g) dg + W^2 C(g/2) dg/2, and dd = L0/2 (cos g/2 -
+sin g/2) dg.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Where the net is all but stretched out, a little yarn strain is much shear: g there is made up.
+LARGEST_ANGLE = np.deg2rad(75.0)
+
+
+def net_angle(displacement: np.ndarray, width: float, length: float) -> np.ndarray:
+    """Shear angle in the middle, rad; NaN past what an inextensible net can do.
+
+    Parameters
+    ----------
+    displacement : float (n,)
+    width, length : float
+        Of the whole specimen, m.
+    """
+    gauge = length - width
+    cosine = (gauge + np.asarray(displacement, float)) / (np.sqrt(2.0) * gauge)
+    return 0.5 * np.pi - 2.0 * np.arccos(np.where(cosine <= 1.0, cosine, np.nan))
+
+
+def net_load(angle: np.ndarray, law, width: float, length: float) -> np.ndarray:
+    """Force of a net that follows `law` (Potential), by the same formula, N; shaped like angle."""
+    half = 0.5 * np.asarray(angle, float)
+    torque = (2.0 * length - 3.0 * width) * law.evaluate(2.0 * half)[1]
+    torque = torque + width * law.evaluate(half)[1]
+    return torque / ((length / width - 1.0) * (np.cos(half) - np.sin(half)))
+
+
+def torque_from_loads(
+    displacement: np.ndarray, force: np.ndarray, width: float, length: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles g, rad, and C(g), N/m, at the measured points that the net's kinematics reach.
+
+    C(g/2) comes from the points before, straight lines between them; these are neither smoothed nor
+    made to rise, and are the law only as far as the kinematics hold, some 30 to 35 degrees.
+
+    Parameters
+    ----------
+    displacement, force : float (n,)
+        Ascending from above zero.
+    width, length : float
+        Of the whole specimen, m; length >= 2 width.
+    """
+    g = net_angle(displacement, width, length)
+    reached = g <= LARGEST_ANGLE  # NaN is not
+    g, force = g[reached], np.asarray(force, float)[reached]
+    angle, torque = np.zeros(len(g) + 1), np.zeros(len(g) + 1)
+    angle[1:] = g
+    for i in range(1, len(angle)):
+        half = 0.5 * angle[i]
+        j = min(int(np.searchsorted(angle[: i + 1], half)), i)
+        share = (half - angle[j - 1]) / (angle[j] - angle[j - 1])
+        right = (length / width - 1.0) * force[i - 1] * (np.cos(half) - np.sin(half))
+        left = 2.0 * length - 3.0 * width
+        right -= width * (1.0 - share) * torque[j - 1]
+        if j == i:  # C(g/2) on the line to C(g) itself
+            left += width * share
+        else:
+            right -= width * share * torque[j]
+        torque[i] = right / left
+    return angle[1:], torque[1:]

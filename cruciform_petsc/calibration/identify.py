@@ -1,0 +1,712 @@
+# SPDX-License-Identifier: MIT
+"""Least squares for the shear law on the network itself.
+
+Unknown are the rises of a table psi'(gamma) from one angle to the next, none of them negative.
+The sum that is made small is
+
+    1/n sum ((F_i - f_i)/f_i)^2 + smoothing^2/m sum s_k^2
+    s_k = second difference of ln psi' over ln gamma at the inner knot k, of m:
+          (slope after - slope before)(mean of the neighbouring steps)
+
+F_i being the load of the whole network at the measured displacement, f_i the measured force. The
+second term is none for a straight line, for a plateau and for any power of the angle, and little
+for a law that climbs steeply towards locking.
+
+Its derivatives are exact. At equilibrium the energy W(c, p) under the extension c has the
+derivative dW/dp = sum of A d psi/dp(gamma) over the quadrants, because places give nothing to
+first order (envelope theorem). The load is dW/dc, hence
+
+    dF/dp = d/dc dW/dp = sum over crossovers of (gradient of A d psi/dp by places) . dx/dc
+
+with dx/dc, the answer of the places to the clamp, from one linear solve with the tangent.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ..constraints import Constraints
+from ..elements import energy as kernels
+from ..elements.energy import FORCE, Cloth
+from ..errors import InputError
+from ..experiments.bias_extension import BiasExtension
+from ..fabric import Fabric
+from ..finite import FiniteNetwork
+from ..network import Network
+from ..potential import LINEAR, TABLE, Potential, linear
+from ..potential import table as table_law
+from ..solvers.nonlinear import Equilibrium, EquilibriumError, follow
+from .curve import MeasuredCurve
+from .formula import torque_from_loads
+
+# Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
+LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
+SMOOTHING = 0.3
+# A law may not fall, and must rise at least by this part of its mean slope, for a stable cloth.
+LEAST_SLOPE = 0.02
+# A value whose standard error is larger than this part of it counts as not determined.
+LARGEST_ERROR = 0.2
+# Relative; loads are not measured better than that, however well a curve may fit.
+LEAST_NOISE = 0.01
+POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
+# What the law depends on without being identified, worth a look each time.
+ASSUMED = ("tension modulus", "yarn bending", "compression")
+TOLERANCE = 1e-4  # relative change of the sum that ends the iterations
+EXACT = 1e-10  # a sum so small is none: loads are equilibria to about the root of it
+MOST_ITERATIONS = 30
+
+_LOG = logging.getLogger(__name__)
+
+
+class LoadCurve:
+    """Loads of a bias test at given extensions, for one shear law after the other. Collective.
+
+    Each equilibrium starts from that of the last accepted law at the same extension, which takes
+    two or three Newton steps. Call destroy when done.
+
+    Parameters
+    ----------
+    network : Network
+    extensions : float (n,)
+        Ascending [m].
+    upper, bending, options
+        See BiasExtension.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        extensions: np.ndarray,
+        *,
+        upper: str = "grip",
+        bending: bool = True,
+        options: dict | None = None,
+    ):
+        self.network, self.extensions = network, np.asarray(extensions, float)
+        self.experiment = BiasExtension(
+            network, self.extensions.tolist(), upper=upper, finite=True, bending=bending
+        )
+        constraints = Constraints(network, bending)
+        self._grips = self.experiment.grip(constraints)
+        self.model = FiniteNetwork(constraints)
+        self._cloth = self.model.cloth
+        self._equilibrium = Equilibrium(self.model, options)
+        self._velocity = self.experiment._velocity(self._grips, 0.0)
+        self._places: list[np.ndarray] | None = None
+        self._trial: list[np.ndarray] = []
+        self.newton_steps = 0
+
+    def destroy(self) -> None:
+        """Free what PETSc holds. Collective."""
+        self._equilibrium.destroy()
+
+    def _drive(self, extension: float):
+        return self.experiment._motions(self._grips, extension), 0.0
+
+    def solve(self, law: Potential) -> np.ndarray:
+        """Load at each extension, N; (n,). Collective.
+
+        Raises EquilibriumError on every rank if there is no equilibrium.
+        """
+        self.model.cloth = replace(self._cloth, shear=law.packed)
+        try:
+            if self._places is None:
+                raise EquilibriumError("no states to start from", "", [])
+            return self._restart(self._places)
+        except EquilibriumError:
+            return self._from_rest()
+
+    def solve_doubled(self, law: Potential, what: str) -> np.ndarray | None:
+        """Load at each extension with twice something that was assumed, N; (n,). Collective.
+
+        States, and the cloth, are as they were afterwards.
+
+        Parameters
+        ----------
+        law : Potential
+            Of the last `solve`.
+        what : str
+            One of ASSUMED.
+
+        Returns
+        -------
+        float (n,) or None
+            None if that cannot be, or has no equilibrium.
+        """
+        cloth, rigidity, trial = self._cloth, self.model.turns.rigidity, self._trial
+        try:
+            if what == "tension modulus":
+                self._cloth = replace(
+                    cloth, warp=_doubled(cloth.warp), weft=_doubled(cloth.weft), c12=2.0 * cloth.c12
+                )
+            elif what == "yarn bending":
+                if not self.model.bending:
+                    return None
+                self.model.turns.rigidity = 2.0 * rigidity
+            else:
+                if cloth.compression > 0.5:
+                    return None
+                self._cloth = replace(cloth, compression=2.0 * cloth.compression)
+            return self.solve(law)
+        except EquilibriumError:
+            return None
+        finally:
+            self._cloth, self.model.turns.rigidity, self._trial = cloth, rigidity, trial
+            self.model.cloth = replace(cloth, shear=law.packed)
+
+    def accept(self) -> None:
+        """Start from the states of the last `solve` from now on."""
+        self._places = self._trial
+
+    def _restart(self, places: list[np.ndarray]) -> np.ndarray:
+        equilibrium, loads = self._equilibrium, []
+        self._trial = []
+        for extension, x in zip(self.extensions, places, strict=True):
+            equilibrium.x = x.copy()
+            self.model.prescribe(equilibrium.x, self._drive(extension)[0])
+            self.newton_steps += equilibrium.solve(extension).iterations
+            self._trial.append(equilibrium.x)
+            loads.append(self._load())
+        return np.array(loads)
+
+    def _from_rest(self) -> np.ndarray:
+        equilibrium, loads = self._equilibrium, []
+        self._trial = []
+        equilibrium.x = self.model.rest.copy()
+        self.model.prescribe(equilibrium.x, self._drive(0.0)[0])
+
+        def accepted(increment, x: np.ndarray) -> None:
+            self.newton_steps += increment.iterations
+            if increment.asked:
+                self._trial.append(x.copy())
+                loads.append(self._load())
+
+        step = self.experiment.default_step()
+        follow(equilibrium, self._drive, list(map(float, self.extensions)), step, accepted)
+        return np.array(loads)
+
+    def _load(self) -> float:
+        network = self.network
+        force = self._equilibrium.forces()[self.model.nodes.of_network_node]
+        owned = slice(0, network.num_nodes_owned)
+        work = (force @ network.preform.rotation)[owned] * self._velocity[owned]
+        return network.comm.bcast(network.comm.allreduce(float(work.sum())))
+
+    def derivatives(self, law: Potential, changes: Sequence[np.ndarray]) -> np.ndarray:
+        """Changes of the loads with changes of the law, at the states of the last `solve`.
+
+        Collective.
+
+        Parameters
+        ----------
+        law : Potential
+            Of the last `solve`.
+        changes : sequence of packed laws (Potential.packed)
+
+        Returns
+        -------
+        float (n, number of changes), N per unit of the change
+        """
+        model, equilibrium, network = self.model, self._equilibrium, self.network
+        model.cloth = replace(self._cloth, shear=law.packed)
+        none = linear(0.0).packed
+        cloths = [Cloth(none, none, change, 0.0) for change in changes]
+        c = model.cruciforms
+        pull = np.zeros_like(model.rest)
+        pull[model.nodes.of_network_node] = self._velocity @ network.preform.rotation.T
+        pull = model.nodes.exchange.forward(pull)
+        result = np.zeros((len(self.extensions), len(cloths)))
+        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
+            equilibrium.x = x
+            model.prescribe(x.copy(), self._drive(extension)[0])
+            moved, _ = equilibrium.tangent_step(pull)
+            moved = moved[c.nodes]
+            for k, cloth in enumerate(cloths):
+                _, force, _ = kernels.cruciforms(
+                    x[c.nodes], c.arm_length, c.area, cloth, FORCE,
+                    c.strain_source, c.turn_source, c.held,
+                )  # fmt: skip
+                result[i, k] = (force * moved).sum()
+        return network.comm.bcast(network.comm.allreduce(result))
+
+    def angles(self) -> np.ndarray:
+        """Largest shear angle of a crossover in the states of the last `solve`, rad; (n,).
+
+        Collective.
+        """
+        own = np.zeros(len(self.extensions))
+        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
+            self.model.prescribe(x.copy(), self._drive(extension)[0])
+            fields = self.model.crossover_fields(x)
+            own[i] = np.abs(fields["shear_angle"][fields["carrying"]]).max(initial=0.0)
+        return np.max(self.network.comm.allgather(own), axis=0)
+
+
+def _doubled(packed: np.ndarray) -> np.ndarray:
+    """Twice a packed law; what is linear in the force follows the kind, numbers and knots."""
+    packed, kind = packed.copy(), packed[0]
+    first = 1 if kind == LINEAR else 3 + int(packed[1]) if kind == TABLE else 2
+    packed[first:] *= 2.0
+    return packed
+
+
+def table_changes(angles: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
+    """Derivatives of a table law by its values, as packed laws, one for each value.
+
+    Energy and force of a packed table are linear in its coefficients, so a law made of the
+    coefficients' derivatives gives the derivatives of energy and force.
+    """
+    changes = []
+    base = _table(angles, values).packed
+    for k in range(len(values)):
+        # A hair: PCHIP's slopes are smooth in the values where these rise.
+        h = 1e-5 * min(np.diff(np.concatenate([[0.0], values]))[k : k + 2])
+        up, down = (_table(angles, values + s * h * np.eye(len(values))[k]).packed for s in (1, -1))
+        change = base.copy()
+        energies = 2 + len(angles) + 1  # kind, number and knots stay
+        change[energies:] = ((up - down) / (2.0 * h))[energies:]
+        changes.append(change)
+    return changes
+
+
+@dataclass(frozen=True, eq=False)
+class Assumption:
+    """What twice an assumed property would change.
+
+    Attributes
+    ----------
+    loads : float (n,)
+        Relative change of the loads with the law as it is.
+    values : float (m,)
+        Relative change of the law that would be identified, to first order.
+    """
+
+    loads: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A shear law identified from a load curve.
+
+    Attributes
+    ----------
+    fabric : Fabric
+        The cloth with this law.
+    law, start_law : Potential
+        psi over the shear angle [N/m over rad]; the start is `start_from`.
+    start_from : str
+        "closed formula" or "straight line".
+    curve : MeasuredCurve
+    loads, start_loads : float (n,)
+        Of the network with the law, and with the start [N].
+    angles, values, standard_errors : float (m,)
+        The table [rad, N/m], and the standard errors of its values [N/m].
+    determined : bool (m,)
+        Whether the data determine the value: cloth sheared beyond the knot before, and the relative
+        standard error is at most LARGEST_ERROR.
+    reached : float (n,)
+        Largest shear angle of a crossover at each point [rad].
+    noise : float
+        Relative error of the loads that the standard errors go by.
+    singular_values : float (m,)
+        Of the relative derivatives d ln F_i/d ln psi'_k, the largest first.
+    effective_parameters : float
+        How many parameters the data settle; the others come from the smoothing.
+    assumptions : dict of Assumption
+        What twice the tension modulus, the yarn bending, the stiffness in compression would change.
+    smoothing : float
+    iterations, evaluations, newton_steps : int
+        Least squares steps, curves of loads computed, Newton steps in all.
+    seconds : float
+    message : str
+        Why the iterations ended.
+    """
+
+    fabric: Fabric
+    law: Potential
+    start_law: Potential
+    start_from: str
+    curve: MeasuredCurve
+    loads: np.ndarray
+    start_loads: np.ndarray
+    angles: np.ndarray
+    values: np.ndarray
+    standard_errors: np.ndarray
+    determined: np.ndarray
+    reached: np.ndarray
+    noise: float
+    singular_values: np.ndarray
+    effective_parameters: float
+    assumptions: dict[str, Assumption]
+    smoothing: float
+    iterations: int
+    evaluations: int
+    newton_steps: int
+    seconds: float
+    message: str
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Relative error of each load, (n,)."""
+        return self.loads / self.curve.force - 1.0
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square of the relative errors."""
+        return self.rms_between(0.0, np.inf)
+
+    @property
+    def start_rms(self) -> float:
+        """The same for the start."""
+        return _rms(self.start_loads / self.curve.force - 1.0)
+
+    def rms_between(self, lowest: float, highest: float) -> float:
+        """The same over the points with displacements in a range, m, ends included."""
+        d = self.curve.displacement
+        inside = (d >= lowest * (1 - 1e-9)) & (d <= highest * (1 + 1e-9))
+        return _rms(self.residuals[inside])
+
+    def uncertain_ranges(self) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, that the data do not determine; the last one has no end."""
+        knots = np.concatenate([[0.0], self.angles])
+        ranges: list[tuple[float, float]] = []
+        for k in np.flatnonzero(~self.determined):
+            low = knots[k]
+            high = self.angles[k + 1] if k + 1 < len(self.angles) else np.inf
+            if ranges and low <= ranges[-1][1]:
+                ranges[-1] = (ranges[-1][0], high)
+            else:
+                ranges.append((low, high))
+        last = min(float(self.reached.max()), float(self.angles[-1]))
+        if not ranges or ranges[-1][1] < np.inf:
+            ranges.append((last, np.inf))
+        return ranges
+
+    def remarks(self) -> list[str]:
+        """Say in sentences what the data do not tell."""
+        degrees = np.rad2deg
+        texts = [
+            f"The specimen sheared by up to {degrees(self.reached[0]):.1f} deg at its first point "
+            f"and {degrees(self.reached[-1]):.1f} deg at its last: before, the law is a curve from "
+            "zero; past that it is extrapolated along its last slope."
+        ]
+        for low, high in self.uncertain_ranges()[:-1]:
+            texts.append(
+                f"Between {degrees(low):.1f} and {degrees(high):.1f} deg the data do not determine "
+                f"the law to {100 * LARGEST_ERROR:.0f} %: it follows from smoothness there."
+            )
+        low = self.uncertain_ranges()[-1][0]
+        if low < self.reached.max() * (1 - 1e-9) and not self.determined[-1]:
+            texts.append(
+                f"From {degrees(low):.1f} deg on the data do not determine the law to "
+                f"{100 * LARGEST_ERROR:.0f} %, though some of the cloth sheared more."
+            )
+        if self.rms > POOR_FIT:
+            texts.append(
+                f"The network does not follow the curve (RMS of the relative error "
+                f"{100 * self.rms:.0f} %): check the specimen's size, the units and the yarns."
+            )
+        for name, assumption in self.assumptions.items():
+            load, value = (
+                100.0 * float(np.abs(part).max()) for part in (assumption.loads, assumption.values)
+            )
+            if value > 5.0:
+                texts.append(
+                    f"Twice the {name} would change loads by up to {load:.0f} % and the law by up "
+                    f"to {value:.0f} %: the law holds together with the fabric's {name}."
+                )
+        return texts
+
+
+def calibrate(
+    network: Network,
+    displacement: Any,
+    force: Any = None,
+    *,
+    upper: str = "grip",
+    bending: bool = True,
+    angles: Any = None,
+    smoothing: float = SMOOTHING,
+    options: dict | None = None,
+    told: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Identify the shear law of a network's fabric from a measured bias extension. Collective.
+
+    All else is taken from the fabric as it is: tension, compression, yarn bending.
+
+    Parameters
+    ----------
+    network : Network
+        Of the specimen, any outline and size.
+    displacement, force : sequence of float
+        Measured [m, N]; or a MeasuredCurve instead of the two.
+    upper : "grip" or "centre-line"
+        See BiasExtension; for "centre-line" the displacement is that of half a specimen.
+    bending : bool
+        Whether yarns resist bending.
+    angles : sequence of float, optional
+        Of the law's table [rad]; default: a ladder as far as the specimen shears.
+    smoothing : float
+        Weight of the law's second differences: a bend of the size of the law itself counts like
+        this relative error of a load.
+    options : dict, optional
+        PETSc options for the solver.
+    told : callable, optional
+        Told a line for each step.
+
+    Raises
+    ------
+    InputError, SolverError
+        On every rank: bad data; no equilibrium with the start, for instance because no network of
+        this shape can be extended as far as the data go.
+    """
+    begin = time.perf_counter()
+    told = told or _LOG.info
+    if isinstance(displacement, MeasuredCurve):
+        curve = displacement
+    elif force is None:
+        raise InputError("calibrate needs the forces beside the displacements")
+    else:
+        curve = MeasuredCurve.from_points(displacement, force)
+    if not (np.isfinite(smoothing) and smoothing > 0.0):
+        raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
+    specimen = LoadCurve(network, curve.displacement, upper=upper, bending=bending, options=options)
+    try:
+        start_from, first = _start(specimen, curve, upper)
+        start_loads = specimen.solve(first)
+        specimen.accept()
+        told(f"start from the {start_from}, RMS {_percent(start_loads / curve.force - 1.0)}")
+        knots = _knots(angles, float(specimen.angles().max()))
+        problem = _Problem(specimen, curve, knots, first, smoothing)
+        iterations, message = problem.minimise(told)
+        return _finished(problem, first, start_from, start_loads, iterations, message, begin)
+    except EquilibriumError as error:
+        raise InputError(
+            "the network of the specimen has no equilibrium with the start for the law "
+            f"({error}): check the specimen's size against the displacements, or leave out the last"
+        ) from error
+    finally:
+        specimen.destroy()
+
+
+class _Problem:
+    """The sum of squares, in rises of the table over their size in the start, ``z``."""
+
+    def __init__(
+        self, specimen: LoadCurve, curve: MeasuredCurve, knots: np.ndarray, first: Potential,
+        smoothing: float,
+    ):  # fmt: skip
+        self.specimen, self.curve, self.knots, self.smoothing = specimen, curve, knots, smoothing
+        values = np.maximum.accumulate(first.evaluate(knots)[1])
+        even = values[-1] * np.diff(knots, prepend=0.0) / knots[-1]
+        rises = np.maximum(np.diff(values, prepend=0.0), 2.0 * LEAST_SLOPE * even)
+        scale = np.maximum(rises, 0.2 * even)
+        self.z, self.least = rises / scale, LEAST_SLOPE * even / scale
+        self.values_of = np.tril(np.ones((len(knots), len(knots)))) * scale
+        self.bends = _second_differences(np.log(knots))
+        self.data_weight = 1.0 / np.sqrt(len(curve.force))
+        self.bend_weight = smoothing / np.sqrt(max(len(self.bends), 1))
+        self.evaluations = 0
+
+    @property
+    def values(self) -> np.ndarray:
+        """The table at z, N/m."""
+        return self.values_of @ self.z
+
+    def residuals(self, z: np.ndarray) -> np.ndarray:
+        """Weighted relative errors and second differences. Collective."""
+        self.evaluations += 1
+        values = self.values_of @ z
+        loads = self.specimen.solve(_table(self.knots, values))
+        bend = self.bends @ np.log(values)
+        return np.concatenate([
+            self.data_weight * (loads / self.curve.force - 1.0), self.bend_weight * bend
+        ])  # fmt: skip
+
+    def data_jacobian(self) -> np.ndarray:
+        """Derivatives of F_i/f_i by the values at z, (n, m). Collective."""
+        law = _table(self.knots, self.values)
+        changes = table_changes(self.knots, self.values)
+        return self.specimen.derivatives(law, changes) / self.curve.force[:, None]
+
+    def bend_jacobian(self) -> np.ndarray:
+        """Derivatives of s_k by the values at z, (m - 2, m)."""
+        return self.bends / self.values
+
+    def best_step(self, jacobian: np.ndarray, r: np.ndarray, damping: float = 0.0) -> np.ndarray:
+        """Change of z that makes the linearised sum least, within the bounds. Collective.
+
+        All ranks do the same small problem; rank 0's step counts.
+        """
+        from scipy.optimize import lsq_linear
+
+        damped = np.concatenate([jacobian, np.sqrt(damping) * np.eye(len(self.z))])
+        right = np.concatenate([-r, np.zeros(len(self.z))])
+        # The bounds must lie on both sides of zero for SciPy.
+        step = lsq_linear(damped, right, (self.least - self.z - 1e-12, np.inf)).x
+        return self.specimen.network.comm.bcast(step)
+
+    def jacobian(self) -> np.ndarray:
+        """Derivatives of the residuals by z. Collective."""
+        return np.concatenate([
+            self.data_weight * self.data_jacobian(), self.bend_weight * self.bend_jacobian()
+        ]) @ self.values_of  # fmt: skip
+
+    def minimise(self, told: Callable[[str], None]) -> tuple[int, str]:
+        """Levenberg and Marquardt's method with bounds; z is moved to the minimum. Collective."""
+        n = len(self.curve.force)
+        r, damping = self.residuals(self.z), 1e-3
+        self.specimen.accept()
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            jacobian = self.jacobian()
+            while True:
+                step = self.best_step(jacobian, r, damping)
+                foretold = r @ r - np.sum((r + jacobian @ step) ** 2)
+                if foretold <= TOLERANCE * (r @ r) or r @ r <= EXACT:
+                    return iteration - 1, "the sum of squares is at its least"
+                try:
+                    trial = self.residuals(self.z + step)
+                    gain = r @ r - trial @ trial
+                except EquilibriumError:
+                    gain = -np.inf
+                if gain > 0.1 * foretold:
+                    break
+                damping *= 10.0
+                if damping > 1e6:
+                    return iteration - 1, "no step makes the sum of squares smaller"
+            self.specimen.accept()
+            self.z, r = self.z + step, trial
+            damping = max(1e-6, 0.1 * damping)
+            told(f"step {iteration}, RMS {_percent(r[:n] / self.data_weight)}")
+        return MOST_ITERATIONS, "the iterations were as many as are allowed"
+
+
+def _finished(
+    problem: _Problem, first: Potential, start_from: str, start_loads: np.ndarray,
+    iterations: int, message: str, begin: float,
+) -> Calibration:  # fmt: skip
+    """Measure what was found. Collective."""
+    specimen, curve, values = problem.specimen, problem.curve, problem.values
+    law = _table(problem.knots, values)
+    loads = specimen.solve(law)
+    specimen.accept()
+    # Relative in the values, too, so that singular values are plain numbers.
+    data = problem.data_jacobian() * values
+    bends = problem.bend_jacobian() * values
+    n, m = data.shape
+    weight = problem.smoothing * np.sqrt(n / max(len(bends), 1))
+    normal = data.T @ data + weight**2 * bends.T @ bends
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    settled = float(np.trace(inverse @ data.T @ data))
+    misfit = float(np.sum((loads / curve.force - 1.0) ** 2))
+    noise = max(np.sqrt(misfit / max(n - settled, 1.0)), LEAST_NOISE)
+    relative = noise * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    reached = specimen.angles()
+    visited = np.concatenate([[0.0], problem.knots[:-1]]) < reached.max()
+    known = (relative <= LARGEST_ERROR) & visited
+    assumptions = {}
+    jacobian = problem.jacobian()
+    r = np.concatenate([
+        problem.data_weight * (loads / curve.force - 1.0),
+        problem.bend_weight * problem.bends @ np.log(values),
+    ])  # fmt: skip
+    for what in ASSUMED:
+        other = specimen.solve_doubled(law, what)
+        if other is not None:
+            shifted = r.copy()
+            shifted[:n] += problem.data_weight * (other - loads) / curve.force
+            step = problem.best_step(jacobian, shifted)
+            assumptions[what] = Assumption(other / loads - 1.0, problem.values_of @ step / values)
+    singular = np.zeros(m)
+    found = np.linalg.svd(data, compute_uv=False)
+    singular[: len(found)] = found
+    return Calibration(
+        fabric=specimen.network.fabric.with_shear_law(law),
+        law=law, start_law=first, start_from=start_from, curve=curve, loads=loads,
+        start_loads=start_loads, angles=problem.knots, values=values,
+        standard_errors=relative * values, determined=known, reached=reached, noise=float(noise),
+        singular_values=singular, effective_parameters=settled, assumptions=assumptions,
+        smoothing=problem.smoothing,
+        iterations=iterations, evaluations=problem.evaluations,
+        newton_steps=specimen.newton_steps, seconds=time.perf_counter() - begin, message=message,
+    )  # fmt: skip
+
+
+def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, Potential]:
+    """Law to start from: of the closed formula, or else a straight line. Collective."""
+    size = _strip(specimen.network)
+    if size is not None:
+        width, length = size
+        factor = 2.0 if upper == "centre-line" else 1.0
+        length = factor * length
+        if length >= 2.0 * width * (1.0 - 1e-6):
+            angle, torque = torque_from_loads(
+                factor * curve.displacement, curve.force, width, length
+            )
+            if len(angle) >= 2 and (torque > 0.0).any():
+                # Past some 35 degrees the formula errs, mostly downwards; the law may not fall.
+                torque = np.maximum.accumulate(np.maximum(torque, 0.0))
+                rise = LEAST_SLOPE * torque[-1] * angle / angle[-1]
+                return "closed formula", _table(angle, torque + rise)
+    modulus = specimen.network.fabric.shear_modulus
+    ratio = specimen.solve(linear(modulus)) / curve.force
+    return "straight line", linear(modulus * float(ratio.sum() / (ratio**2).sum()))
+
+
+def _strip(network: Network) -> tuple[float, float] | None:
+    """Width and length of a rectangle cut at 45 degrees, or None for anything else."""
+    preform = network.preform
+    low_x, low_y, high_x, high_y = preform.outline.bounds
+    full = (high_x - low_x) * (high_y - low_y)
+    if abs(preform.outline.area / full - 1.0) > 1e-6:
+        return None
+    if abs(np.cos(2.0 * preform.bias_angle)) > 0.05:
+        return None
+    return high_x - low_x, high_y - low_y
+
+
+def _knots(angles: Any, reached: float) -> np.ndarray:
+    """Angles of the table, rad: those given, or the ladder up to what is reached."""
+    if angles is None:
+        degrees = np.rad2deg(reached)
+        last = max(np.ceil(degrees - 1e-6), 1.0)
+        inner = [rung for rung in LADDER if rung <= last - 2.0]
+        knots = np.deg2rad([*inner, last]) if inner else np.deg2rad(last * np.array([0.25, 0.5, 1]))
+        return np.minimum(knots, np.deg2rad(89.0))
+    knots = np.array(angles, float)
+    good = knots.ndim == 1 and len(knots) >= 2 and np.isfinite(knots).all()
+    if not (good and knots[0] > 0.0 and (np.diff(knots) > 0.0).all() and knots[-1] < 0.5 * np.pi):
+        raise InputError(
+            "angles must be two or more, ascending from above zero to less than 90 degrees"
+        )
+    return knots
+
+
+def _second_differences(x: np.ndarray) -> np.ndarray:
+    """Matrix (m - 2, m) from values at m places to (slope after - before)(mean of both steps)."""
+    step = np.diff(x)
+    result = np.zeros((len(x) - 2, len(x)))
+    for k, (before, after) in enumerate(pairwise(step)):
+        mean = 0.5 * (before + after)
+        result[k, k : k + 3] = [mean / before, -mean / before - mean / after, mean / after]
+    return result
+
+
+def _table(angles: np.ndarray, values: np.ndarray) -> Potential:
+    return table_law(list(map(float, angles)), list(map(float, values)))
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
+
+
+def _percent(values: np.ndarray) -> str:
+    return f"{100.0 * _rms(values):.2f} %"
