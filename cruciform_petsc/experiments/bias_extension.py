@@ -18,7 +18,7 @@ from ..constraints import Constraints
 from ..errors import InputError
 from ..network import Network
 from ..solvers.linear import LinearSolver, SolverInfo
-from ..solvers.multigrid import interpolations
+from ..solvers.multigrid import yarn_multigrid
 from ..solvers.separate import solve_separately
 from ..supports import find_supports
 from ..units import to_si
@@ -140,7 +140,7 @@ class BiasExtension:
         near_null[~linear.free] = 0.0
         owned = near_null[: network.num_nodes_owned].reshape(-1, 3)
         solver = LinearSolver(
-            matrix, owned, extra=self.options, interpolations=lambda: interpolations(linear)
+            matrix, owned, extra=self.options, multigrid=lambda: yarn_multigrid(linear)
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from petsc4py import PETSc
@@ -56,6 +57,35 @@ LEAST_NORM = {
     "ksp_max_it": 100_000,
     "pc_type": "none",
 }
+
+
+class Smoother(Protocol):
+    """A smoother of the finest level that is not PETSc's own: yarns.YarnSmoother."""
+
+    def attach(self, pc: PETSc.PC, level: int, sweeps: int) -> None:
+        """Make it the smoother of a level of a PCMG."""
+
+    def free(self) -> None:
+        """Free what it holds. Collective."""
+
+
+@dataclass
+class Hierarchy:
+    """What a geometric multigrid needs beside the matrix.
+
+    Attributes
+    ----------
+    interpolations : list of PETSc.Mat
+        Finest first. LinearSolver destroys them.
+    smoother : callable, optional
+        Makes the finest level's smoother from the matrix; without it PETSc's, by options.
+    sweeps : int
+        Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
+    """
+
+    interpolations: list[PETSc.Mat]
+    smoother: Callable[[PETSc.Mat], Smoother] | None = None
+    sweeps: int = 1
 
 
 @dataclass
@@ -109,9 +139,9 @@ class LinearSolver:
         Further options (of a case file) that overrule these.
     prefix : str
         Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
-    interpolations : callable, optional
-        Gives the interpolation matrices of a geometric multigrid, finest first; called, and the
-        matrices destroyed, if the preconditioner is PETSc's ``mg``.
+    multigrid : callable, optional
+        Gives the Hierarchy of a geometric multigrid; called if the preconditioner is PETSc's
+        ``mg``.
     """
 
     def __init__(
@@ -121,7 +151,7 @@ class LinearSolver:
         options: Mapping[str, object] | None = None,
         extra: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
-        interpolations: Callable[[], list[PETSc.Mat]] | None = None,
+        multigrid: Callable[[], Hierarchy] | None = None,
     ):
         self.matrix = matrix
         extra = dict(extra or {})
@@ -131,7 +161,7 @@ class LinearSolver:
             # What is asked for on the command line brings its own defaults, too.
             asked = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", default)))
             options = kinds.get(asked, ITERATIVE)
-            if asked == "mg" and interpolations is None:
+            if asked == "mg" and multigrid is None:
                 options = ITERATIVE
         options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
@@ -149,10 +179,19 @@ class LinearSolver:
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
+        self._smoother: Smoother | None = None
         with petsc_options(prefix, options):
-            if kind == "mg" and interpolations is not None:
-                self._attach(interpolations())
+            hierarchy = None
+            if kind == "mg" and multigrid is not None:
+                hierarchy = multigrid()
+                self._attach(hierarchy.interpolations)
             self.ksp.setFromOptions()
+            if hierarchy is not None and hierarchy.smoother is not None:
+                sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
+                if sweeps > 0 and hierarchy.interpolations:
+                    self._smoother = hierarchy.smoother(matrix)
+                    top = len(hierarchy.interpolations)
+                    self._smoother.attach(self.ksp.getPC(), top, sweeps)
             try:
                 self.ksp.setUp()
             except PETSc.Error as error:
@@ -169,7 +208,7 @@ class LinearSolver:
         pc.setMGLevels(len(interpolations) + 1)
         for level, matrix in enumerate(reversed(interpolations), start=1):
             pc.setMGInterpolation(level, matrix)
-            matrix.destroy()
+            matrix.destroy()  # PETSc keeps its own reference
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.
@@ -245,6 +284,8 @@ class LinearSolver:
     def destroy(self) -> None:
         """Free the KSP (not the matrix)."""
         self.ksp.destroy()
+        if self._smoother is not None:
+            self._smoother.free()
 
 
 def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:
