@@ -175,9 +175,7 @@ def _mark(cell, share, step, values, slopes, grid):
                 for dj in range(2):
                     bilinear, value, turn = _corner(r, di, dj, c, step, share, values, slopes)
                     if value != 0.0 or turn != 0.0:
-                        grid[c, cell[r, 0] + di, cell[r, 1] + dj] |= (
-                            3 if bilinear >= _STRONG else 1
-                        )
+                        grid[c, cell[r, 0] + di, cell[r, 1] + dj] |= 3 if bilinear >= _STRONG else 1
 
 
 @numba.njit(cache=True)
@@ -262,9 +260,7 @@ def _interpolation(
     matrix.setSizes(((n, None), (len(point), None)))
     matrix.setType(PETSc.Mat.Type.AIJ)
     matrix.setPreallocationCSR((pointer.astype(PETSc.IntType), column, weight))
-    coarse = Unknowns(
-        point * float(step), np.eye(3)[component_owned], np.zeros((len(point), 2))
-    )
+    coarse = Unknowns(point * float(step), np.eye(3)[component_owned], np.zeros((len(point), 2)))
     return matrix, coarse
 
 

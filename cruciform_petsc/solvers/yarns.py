@@ -26,7 +26,7 @@ import numba
 import numpy as np
 from petsc4py import PETSc
 
-from .csr import Halo, local_rows
+from ..csr import Halo, local_rows
 
 # The factors and couplings of the smoother are kept in single precision. Rounding them is the same
 # for both halves of a symmetric pair, and what it changes is one of many ways to precondition;
