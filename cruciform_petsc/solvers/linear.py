@@ -44,7 +44,8 @@ ITERATIVE = {
 YARN_MULTIGRID = ITERATIVE | {
     "pc_type": "mg",
     "pc_mg_galerkin": "both",
-    "pc_mg_cycle_type": "w",
+    "pc_mg_cycle_type": "v",
+    "mg_levels_ksp_max_it": 1,
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "cholesky",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",

@@ -35,6 +35,8 @@ from .yarns import YarnLines, YarnSmoother
 _STRONG = 0.25 - 1e-9
 # Sweeps through both families before and after the coarse grids.
 SWEEPS = 2
+# Pitches of the first coarse lattice, and how much coarser each further one is.
+FIRST, FACTOR = 2, 2
 
 
 @dataclass
@@ -83,7 +85,7 @@ def hierarchy(
     unknowns : Unknowns
         In the order of the matrix's rows. What is prescribed has factors of zero.
     """
-    level, step, matrices = unknowns, 2, []
+    level, step, matrices = unknowns, FIRST, []
     size = comm.allreduce(len(unknowns.point))
     while size > coarsest:
         matrix, level = _interpolation(comm, partition, level, step)
@@ -92,7 +94,7 @@ def hierarchy(
             matrix.destroy()
             break
         matrices.append(matrix)
-        size, step = coarse, 2 * step
+        size, step = coarse, FACTOR * step
     smoother = None
     if unknowns.lines is not None:
         smoother = partial(YarnSmoother, lines=unknowns.lines)
