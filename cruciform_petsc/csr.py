@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The arrays of a distributed AIJ matrix as NumPy arrays, and exchange of values with neighbours."""
+"""Arrays of a distributed AIJ matrix in NumPy, and exchange of values with neighbours."""
 
 from __future__ import annotations
 
@@ -170,6 +170,15 @@ class Halo:
             [values[self.num_owned :], self._in_count * width],
         )
         return values
+
+    def send_records(self, records: np.ndarray) -> np.ndarray:
+        """Send one record (..., width) for each entry of ``send``; returns those of the ghosts."""
+        width = records.shape[1]
+        received = np.empty((self.num_ghost, width), records.dtype)
+        self._graph.Neighbor_alltoallv(
+            [records, self._out_count * width], [received, self._in_count * width]
+        )
+        return received
 
     def reverse(self, values: np.ndarray) -> np.ndarray:
         """Add what the ghosts hold to their owners' values (n_local, ...), in place."""

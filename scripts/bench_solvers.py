@@ -11,6 +11,7 @@ and a picture.
 """
 
 import argparse
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def measure(case: System, options: dict) -> dict | None:
     try:
         with clock() as setup:
             solver = LinearSolver(
-                case.matrix, near_null, options, multigrid=lambda: yarn_multigrid(case.linear)
+                case.matrix, near_null, options, multigrid=partial(yarn_multigrid, case.linear)
             )
         solver._checked = True  # time the solution, not the search for mechanisms
         with clock() as solution:

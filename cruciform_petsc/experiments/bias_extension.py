@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -140,7 +141,7 @@ class BiasExtension:
         near_null[~linear.free] = 0.0
         owned = near_null[: network.num_nodes_owned].reshape(-1, 3)
         solver = LinearSolver(
-            matrix, owned, extra=self.options, multigrid=lambda: yarn_multigrid(linear)
+            matrix, owned, extra=self.options, multigrid=partial(yarn_multigrid, linear)
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)

@@ -43,7 +43,6 @@ ITERATIVE = {
 }
 YARN_MULTIGRID = ITERATIVE | {
     "pc_type": "mg",
-    "pc_mg_galerkin": "both",
     "pc_mg_cycle_type": "v",
     "mg_levels_ksp_max_it": 1,
     "mg_coarse_ksp_type": "preonly",
@@ -72,20 +71,21 @@ class Smoother(Protocol):
 
 @dataclass
 class Hierarchy:
-    """What a geometric multigrid needs beside the matrix.
+    """A geometric multigrid's coarse levels. LinearSolver frees all of it.
 
     Attributes
     ----------
-    interpolations : list of PETSc.Mat
-        Finest first. LinearSolver destroys them.
-    smoother : callable, optional
-        Makes the finest level's smoother from the matrix; without it PETSc's, by options.
+    interpolations, matrices : lists of PETSc.Mat
+        Finest first; matrices of the coarse levels.
+    smoother : Smoother, optional
+        Of the finest level; without it PETSc's, by options.
     sweeps : int
         Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
     """
 
     interpolations: list[PETSc.Mat]
-    smoother: Callable[[PETSc.Mat], Smoother] | None = None
+    matrices: list[PETSc.Mat]
+    smoother: Smoother | None = None
     sweeps: int = 1
 
 
@@ -141,8 +141,8 @@ class LinearSolver:
     prefix : str
         Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
     multigrid : callable, optional
-        Gives the Hierarchy of a geometric multigrid; called if the preconditioner is PETSc's
-        ``mg``.
+        Gives the Hierarchy of a geometric multigrid for the matrix; called if the preconditioner
+        is PETSc's ``mg``.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class LinearSolver:
         options: Mapping[str, object] | None = None,
         extra: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
-        multigrid: Callable[[], Hierarchy] | None = None,
+        multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
     ):
         self.matrix = matrix
         extra = dict(extra or {})
@@ -182,17 +182,9 @@ class LinearSolver:
         self._checked = False
         self._smoother: Smoother | None = None
         with petsc_options(prefix, options):
-            hierarchy = None
-            if kind == "mg" and multigrid is not None:
-                hierarchy = multigrid()
-                self._attach(hierarchy.interpolations)
             self.ksp.setFromOptions()
-            if hierarchy is not None and hierarchy.smoother is not None:
-                sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
-                if sweeps > 0 and hierarchy.interpolations:
-                    self._smoother = hierarchy.smoother(matrix)
-                    top = len(hierarchy.interpolations)
-                    self._smoother.attach(self.ksp.getPC(), top, sweeps)
+            if kind == "mg" and multigrid is not None:
+                self._attach(multigrid(matrix), prefix)
             try:
                 self.ksp.setUp()
             except PETSc.Error as error:
@@ -202,14 +194,22 @@ class LinearSolver:
                     "SETUP",
                 ) from error
 
-    def _attach(self, interpolations: list[PETSc.Mat]) -> None:
-        """Hand interpolation matrices, finest first, to PCMG and destroy them."""
-        pc = self.ksp.getPC()
+    def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
+        """Hand the levels to PCMG."""
+        pc, top = self.ksp.getPC(), len(hierarchy.interpolations)
         pc.setType(PETSc.PC.Type.MG)
-        pc.setMGLevels(len(interpolations) + 1)
-        for level, matrix in enumerate(reversed(interpolations), start=1):
-            pc.setMGInterpolation(level, matrix)
-            matrix.destroy()  # PETSc keeps its own reference
+        pc.setMGLevels(top + 1)
+        for level, (interpolation, matrix) in enumerate(
+            zip(reversed(hierarchy.interpolations), reversed(hierarchy.matrices), strict=True)
+        ):
+            pc.setMGInterpolation(level + 1, interpolation)
+            (pc.getMGSmoother(level) if level else pc.getMGCoarseSolve()).setOperators(matrix)
+            interpolation.destroy()  # PETSc keeps its own references
+            matrix.destroy()
+        self._smoother = hierarchy.smoother
+        sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
+        if self._smoother is not None and sweeps > 0 and top:
+            self._smoother.attach(pc, top, sweeps)
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.
@@ -287,6 +287,7 @@ class LinearSolver:
         self.ksp.destroy()
         if self._smoother is not None:
             self._smoother.free()
+            self._smoother = None
 
 
 def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:

@@ -19,24 +19,26 @@ LinearNetwork.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import coo_array
 
 from ..assembly import LinearNetwork
+from ..csr import Halo, LocalRows, local_rows
 from ..network import Network, Partition
 from .linear import Hierarchy
 from .yarns import YarnLines, YarnSmoother
 
 # The smallest weight of a corner of a bilinear cell that has the largest one.
 _STRONG = 0.25 - 1e-9
+_RIM = 2  # cells around those of a rank's own unknowns
+_INT = np.dtype(PETSc.IntType).type
 # Sweeps through both families before and after the coarse grids.
 SWEEPS = 2
-# Pitches of the first coarse lattice, and how much coarser each further one is.
-FIRST, FACTOR = 2, 2
+COARSEST = 3000
 
 
 @dataclass
@@ -64,46 +66,64 @@ class Unknowns:
     lines: YarnLines | None = None
 
 
-def yarn_multigrid(linear: LinearNetwork, coarsest: int = 3000) -> Hierarchy:
-    """Interpolations and smoother for a LinearNetwork's stiffness. Collective.
-
-    The caller destroys the matrices (LinearSolver does).
-    """
-    return hierarchy(linear.network.comm, linear.network.partition, unknowns_of(linear), coarsest)
+def yarn_multigrid(linear: LinearNetwork, matrix: PETSc.Mat) -> Hierarchy:
+    """Coarse levels and smoother for a LinearNetwork's stiffness. Collective."""
+    return hierarchy(matrix, linear.network.partition, unknowns_of(linear))
 
 
 def hierarchy(
-    comm: MPI.Intracomm, partition: Partition, unknowns: Unknowns, coarsest: int = 3000
+    matrix: PETSc.Mat, partition: Partition, unknowns: Unknowns, coarsest: int = COARSEST
 ) -> Hierarchy:
-    """Interpolations, finest first, down to about ``coarsest`` unknowns, and smoother. Collective.
+    """Interpolations, coarse matrices and smoother for a matrix. Collective.
 
     Parameters
     ----------
-    comm : mpi4py communicator
+    matrix : PETSc.Mat (AIJ)
+        Symmetric; it couples points of the lattice that are less than two pitches apart.
     partition : Partition
         Says which rank owns a point of the lattice.
     unknowns : Unknowns
         In the order of the matrix's rows. What is prescribed has factors of zero.
+    coarsest : int
+        Unknowns that are few enough for a factorisation.
     """
-    level, step, matrices = unknowns, FIRST, []
-    size = comm.allreduce(len(unknowns.point))
-    while size > coarsest:
-        matrix, level = _interpolation(comm, partition, level, step)
-        coarse = matrix.getSize()[1]
-        if coarse > 0.7 * size:  # a network of few yarns across: nothing to gain
-            matrix.destroy()
+    comm = matrix.comm.tompi4py()
+    # Chequerboards are a field of their own, if any unknown takes part in them.
+    components = 3 if comm.allreduce(bool(unknowns.values[:, 2].any()), MPI.LOR) else 2
+    interpolations, matrices = [], []
+    level, coarse, step = matrix, unknowns, 2
+    while level.getSize()[0] > coarsest:
+        interpolation, coarse, corners = _interpolation(comm, partition, coarse, step)
+        if interpolation.getSize()[1] > 0.7 * interpolation.getSize()[0]:
+            interpolation.destroy()  # a network of few yarns across: nothing to gain
             break
-        matrices.append(matrix)
-        size, step = coarse, FACTOR * step
+        interpolations.append(interpolation)
+        product = _galerkin(level, corners, coarse, components)
+        if product is None:
+            product = level.ptap(interpolation)
+        for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
+            product.setOption(option, True)
+        matrices.append(product)
+        level, step = product, 2 * step
     smoother = None
     if unknowns.lines is not None:
-        smoother = partial(YarnSmoother, lines=unknowns.lines)
-    return Hierarchy(matrices, smoother, SWEEPS)
+        smoother = YarnSmoother(matrix, unknowns.lines)
+    return Hierarchy(interpolations, matrices, smoother, SWEEPS)
 
 
-def interpolations(linear: LinearNetwork, coarsest: int = 3000) -> list[PETSc.Mat]:
-    """Interpolation matrices of yarn_multigrid alone; the caller destroys them. Collective."""
-    return yarn_multigrid(linear, coarsest).interpolations
+def interpolations(linear: LinearNetwork, coarsest: int = COARSEST) -> list[PETSc.Mat]:
+    """Interpolation matrices for a LinearNetwork, finest first. Collective.
+
+    The caller destroys them.
+    """
+    comm, partition = linear.network.comm, linear.network.partition
+    coarse, step, matrices = unknowns_of(linear), 2, []
+    size = comm.allreduce(len(coarse.point))
+    while size > coarsest:
+        matrix, coarse, _ = _interpolation(comm, partition, coarse, step)
+        matrices.append(matrix)
+        size, step = matrix.getSize()[1], 2 * step
+    return matrices
 
 
 def unknowns_of(linear: LinearNetwork) -> Unknowns:
@@ -181,8 +201,10 @@ def _mark(cell, share, step, values, slopes, grid):
 
 
 @numba.njit(cache=True)
-def _rows(cell, share, step, values, slopes, number, pointer, column, weight):
+def _rows(cell, share, step, values, slopes, number, pointer, column, code, weight):
     """Rows of the interpolation; number (3, ni, nj) of a corner, -1 where it does not exist.
+
+    Entries come by component and corner; code is 4 component + 2 di + dj.
 
     The weights of corners that do not exist go to the others of the same field, so that constants
     are kept. Called with empty ``column`` it finds the pointer only.
@@ -204,6 +226,7 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, weight):
                     total += 1.0 if turn != 0.0 else abs(value + turn)
                     if len(column):
                         column[size], weight[size] = at, value + turn
+                        code[size] = 4 * c + 2 * di + dj
                     size += 1
             if not len(column) or lost == 0.0:
                 continue
@@ -217,25 +240,56 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, weight):
                         weight[k] += lost * own / total
                         k += 1
         pointer[r + 1] = size
-        if len(column):  # by ascending column
-            for a in range(begin + 1, size):
-                col, w, b = column[a], weight[a], a
-                while b > begin and column[b - 1] > col:
-                    column[b], weight[b] = column[b - 1], weight[b - 1]
-                    b -= 1
-                column[b], weight[b] = col, w
+
+
+@numba.njit(cache=True)
+def _sort_rows(pointer, column, value):
+    """Put the entries of each row in the order of their columns, in place."""
+    for r in range(len(pointer) - 1):
+        begin = pointer[r]
+        for a in range(begin + 1, pointer[r + 1]):
+            col, w, b = column[a], value[a], a
+            while b > begin and column[b - 1] > col:
+                column[b], value[b] = column[b - 1], value[b - 1]
+                b -= 1
+            column[b], value[b] = col, w
+
+
+@dataclass
+class _Step:
+    """Interpolation of a rank's unknowns, by corners of the coarse lattice's cells.
+
+    Attributes
+    ----------
+    cell : int64 (n, 2)
+        The cell of each unknown, in this rank's window of the coarse lattice.
+    pointer, code, weight
+        Compressed rows; code is 4 component + 2 di + dj.
+    number : int64 (3, ni, nj)
+        Global numbers of the window's unknowns, -1 for none.
+    low : int64 (2,)
+        First cell of the window.
+    """
+
+    cell: np.ndarray
+    pointer: np.ndarray
+    code: np.ndarray
+    weight: np.ndarray
+    number: np.ndarray
+    low: np.ndarray
 
 
 def _interpolation(
     comm: MPI.Intracomm, partition: Partition, fine: Unknowns, step: int
-) -> tuple[PETSc.Mat, Unknowns]:
+) -> tuple[PETSc.Mat, Unknowns, _Step]:
     """Interpolation from the lattice of ``step`` pitches to a finer level. Collective."""
     n = len(fine.point)
     cell = np.floor(fine.point / step).astype(np.int64)
     share = fine.point / step - cell
-    low = cell.min(axis=0) if n else np.zeros(2, np.int64)
+    # Ghosts may lie in cells beside those of this rank.
+    low = (cell.min(axis=0) if n else np.zeros(2, np.int64)) - _RIM
     cell -= low
-    shape = cell.max(axis=0, initial=0) + 2
+    shape = cell.max(axis=0, initial=0) + 2 + _RIM
     grid = np.zeros((3, *shape), np.uint8)
     given = cell, share, float(step), fine.values, fine.slopes
     _mark(*given, grid)
@@ -253,17 +307,24 @@ def _interpolation(
     number = np.full((3, *shape), -1, np.int64)
     number[component, i, j] = answer
     pointer = np.zeros(n + 1, np.int64)
-    nothing = np.zeros(0, PETSc.IntType), np.zeros(0)
-    _rows(*given, number, pointer, *nothing)
-    column, weight = np.empty(pointer[-1], PETSc.IntType), np.empty(pointer[-1])
-    if len(column):
-        _rows(*given, number, pointer, column, weight)
-    matrix = PETSc.Mat().create(comm=comm)
-    matrix.setSizes(((n, None), (len(point), None)))
-    matrix.setType(PETSc.Mat.Type.AIJ)
-    matrix.setPreallocationCSR((pointer.astype(PETSc.IntType), column, weight))
+    _rows(*given, number, pointer, np.zeros(0, _INT), np.zeros(0, np.uint8), np.zeros(0))
+    size = pointer[-1]
+    column, code, weight = np.empty(size, _INT), np.empty(size, np.uint8), np.empty(size)
+    if size:
+        _rows(*given, number, pointer, column, code, weight)
+    by_corner = _Step(cell, pointer, code, weight.copy(), number, low)
+    _sort_rows(pointer, column, weight)
+    matrix = _aij(comm, n, len(point), pointer, column, weight)
     coarse = Unknowns(point * float(step), np.eye(3)[component_owned], np.zeros((len(point), 2)))
-    return matrix, coarse
+    return matrix, coarse, by_corner
+
+
+def _aij(comm, rows, columns, pointer, column, value) -> PETSc.Mat:
+    matrix = PETSc.Mat().create(comm=comm)
+    matrix.setSizes(((rows, None), (columns, None)))
+    matrix.setType(PETSc.Mat.Type.AIJ)
+    matrix.setPreallocationCSR((pointer.astype(_INT), column.astype(_INT, copy=False), value))
+    return matrix
 
 
 def _number(comm, partition, step, component, point, strong):
@@ -311,3 +372,186 @@ def _unpack(key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     along = (key & (2**30 - 1)) - 2**29
     weft = (component == 1)[:, None]
     return component, np.where(weft, np.stack([line, along], 1), np.stack([along, line], 1))
+
+
+# -- Galerkin products -------------------------------------------------------------------------
+#
+# PETSc's P^T A P takes as long as eighty products with A, since it knows nothing of lattices. Here
+# a row of A P lies in a window of 4 x 4 coarse points, and a row of P^T A P in one of 5 x 5.
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, a_value,
+              ghost_pointer, ghost_column, ghost_value, row, stencils):  # fmt: skip
+    """Add P^T A P to ``stencils``; returns the number of couplings that reach too far.
+
+    cell, pointer, code, weight: P of own unknowns, then ghosts. row (3, ni, nj): row of stencils
+    (rows, 5 * 5 * num_components) of each coarse unknown, -1 for none.
+    """
+    nc = num_components
+    n = len(a_pointer) - 1
+    line, window = 4 * nc, np.zeros(16 * nc)
+    at4, far = np.empty(12, np.int64), 0
+    for k in range(12):
+        at4[k] = ((k // 2) % 2 * 4 + k % 2) * nc + k // 4
+    for r in range(n):
+        if pointer[r] == pointer[r + 1]:
+            continue
+        window[:] = 0.0
+        ci, cj = cell[r, 0], cell[r, 1]
+        for half in range(2):
+            if half == 0:
+                begin, end, shift = a_pointer[r], a_pointer[r + 1], 0
+            else:
+                begin, end, shift = ghost_pointer[r], ghost_pointer[r + 1], n
+            for e in range(begin, end):
+                if half == 0:
+                    c, value = np.int64(a_column[e]), a_value[e]
+                else:
+                    c, value = np.int64(ghost_column[e]) + shift, ghost_value[e]
+                oi, oj = cell[c, 0] - ci + 1, cell[c, 1] - cj + 1
+                if oi < 0 or oi > 2 or oj < 0 or oj > 2:
+                    far += pointer[c + 1] > pointer[c] and value != 0.0
+                    continue
+                base = (oi * 4 + oj) * nc
+                for t in range(pointer[c], pointer[c + 1]):
+                    window[np.uint64(base + at4[code[t]])] += value * weight[t]
+        for t in range(pointer[r], pointer[r + 1]):
+            k = np.int64(code[t])
+            di, dj = (k // 2) % 2, k % 2
+            stencil = row[k // 4, ci + di, cj + dj]
+            w = weight[t]
+            for oi in range(4):
+                begin = np.uint64(((oi - di + 1) * 5 + 1 - dj) * nc)
+                source = np.uint64(oi * line)
+                for q in range(np.uint64(line)):
+                    stencils[stencil, begin + q] += w * window[source + q]
+    return far
+
+
+@numba.njit(cache=True)
+def _compress(num_components, component, point, number, stencils, pointer, column, value):
+    """Compressed rows of stencils; with empty ``column`` the pointer only."""
+    size = 0
+    for r in range(len(component)):
+        for c in range(num_components):
+            for a in range(5):
+                for b in range(5):
+                    # In the order of the numbers: along the lines of the component.
+                    i, j = (a, b) if c == 1 else (b, a)
+                    entry = stencils[r, (i * 5 + j) * num_components + c]
+                    if entry == 0.0:
+                        continue
+                    if len(column):
+                        column[size] = number[c, point[r, 0] + i - 2, point[r, 1] + j - 2]
+                        value[size] = entry
+                    size += 1
+        pointer[r + 1] = size
+
+
+def _galerkin(fine: PETSc.Mat, step: _Step, coarse: Unknowns, components: int) -> PETSc.Mat | None:
+    """P^T A P. Collective; None if A couples unknowns further apart than the lattices allow."""
+    comm = fine.comm.tompi4py()
+    number = step.number
+    with local_rows(fine) as rows:
+        cell, pointer, code, weight = step.cell, step.pointer, step.code, step.weight
+        if comm.size > 1:
+            ghosts = _ghost_rows(comm, rows, step)
+            number = number.copy()
+            cell = np.concatenate([cell, ghosts[0]])
+            pointer = np.concatenate([pointer, pointer[-1] + ghosts[1][1:]])
+            code, weight = np.concatenate([code, ghosts[2]]), np.concatenate([weight, ghosts[3]])
+            i, j, k = ghosts[4]
+            number[k // 4, i, j] = ghosts[5]
+        there = np.argwhere(number >= 0)
+        component, point = there[:, 0], there[:, 1:]
+        row = np.full(number.shape, -1, np.int64)
+        row[component, point[:, 0], point[:, 1]] = np.arange(len(there))
+        stencils = np.zeros((len(there), 25 * components))
+        far = _stencils(
+            components, cell, pointer, code, weight, rows.pointer, rows.column, rows.value,
+            rows.ghost_pointer, rows.ghost_column, rows.ghost_value, row, stencils,
+        )  # fmt: skip
+    if comm.allreduce(int(far)):
+        return None
+    own_number = number[component, point[:, 0], point[:, 1]]
+    n = len(coarse.point)
+    offset = comm.exscan(n) or 0
+    order = np.argsort(own_number, kind="stable")
+    begin, end = np.searchsorted(own_number[order], [offset, offset + n])
+    mine = order[begin:end]
+    part = _compressed(components, component[mine], point[mine], number, stencils[mine])
+    if comm.size > 1:
+        other = np.concatenate([order[:begin], order[end:]])
+        sent = _compressed(components, component[other], point[other], number, stencils[other])
+        part = _with_contributions(comm, n, offset, own_number[mine], part, own_number[other], sent)
+    else:
+        _sort_rows(*part)
+    return _aij(comm, n, n, *part)
+
+
+def _compressed(components, component, point, number, stencils):
+    pointer = np.zeros(len(component) + 1, np.int64)
+    given = components, component, point, number, stencils, pointer
+    _compress(*given, np.zeros(0, np.int64), np.zeros(0))
+    column, value = np.empty(pointer[-1], np.int64), np.empty(pointer[-1])
+    if len(column):
+        _compress(*given, column, value)
+    return pointer, column, value
+
+
+def _ghost_rows(comm, rows: LocalRows, step: _Step):
+    """Rows of P of the matrix's ghosts, and the numbers of the corners they hang on. Collective."""
+    n = len(rows.pointer) - 1
+    halo = Halo(comm, n, rows.ghost)
+    sent = halo.send
+    # A row as a record: cell, weights by code, numbers by code.
+    record = np.zeros((len(sent), 26))
+    record[:, 14:] = -1
+    lengths = np.diff(step.pointer)[sent]
+    which = np.repeat(np.arange(len(sent)), lengths)
+    entry = np.repeat(step.pointer[sent], lengths) + (
+        np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    )
+    code = step.code[entry].astype(np.int64)
+    corner = step.cell[sent][which] + np.stack([(code // 2) % 2, code % 2], axis=1)
+    record[:, :2] = step.cell[sent] + step.low
+    record[which, 2 + code] = step.weight[entry]
+    record[which, 14 + code] = step.number[code // 4, corner[:, 0], corner[:, 1]]
+    received = halo.send_records(record)
+    halo.free()
+    cell = received[:, :2].astype(np.int64) - step.low
+    which, code = np.nonzero(received[:, 14:] >= 0)
+    pointer = np.searchsorted(which, np.arange(len(received) + 1))
+    weight = received[which, 2 + code]
+    i, j = cell[which, 0] + (code // 2) % 2, cell[which, 1] + code % 2
+    numbers = received[which, 14 + code].astype(np.int64)
+    return cell, pointer, code.astype(np.uint8), weight, (i, j, code), numbers
+
+
+def _with_contributions(comm, n, offset, row_number, part, other_number, sent):
+    """Own rows with what other ranks have found of them added. Collective."""
+    pointer, column, value = sent
+    rows = np.repeat(other_number, np.diff(pointer))
+    ends = np.cumsum(comm.allgather(n))
+    count = np.bincount(np.searchsorted(ends, rows, side="right"), minlength=comm.size).astype(
+        np.int32
+    )  # rows ascend, so that those of one owner stand together
+    receive = np.empty_like(count)
+    comm.Alltoall(count, receive)
+    places = np.empty((int(receive.sum()), 2), np.int64)
+    values = np.empty(len(places))
+    comm.Alltoallv([np.stack([rows, column], axis=1), 2 * count], [places, 2 * receive])
+    comm.Alltoallv([value, count], [values, receive])
+    shape = (n, int(ends[-1]))
+    own_rows = np.repeat(row_number - offset, np.diff(part[0]))
+    total = coo_array(
+        (
+            np.concatenate([part[2], values]),
+            (np.concatenate([own_rows, places[:, 0] - offset]),
+             np.concatenate([part[1], places[:, 1]])),
+        ),
+        shape=shape,
+    ).tocsr()  # fmt: skip
+    total.sort_indices()
+    return total.indptr, total.indices, total.data

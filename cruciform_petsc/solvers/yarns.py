@@ -61,38 +61,26 @@ class YarnLines:
 
 
 @numba.njit(cache=True)
-def _count(rows, num_with_outer, position, line, pointer, column, value, extra):
-    """Sizes of what _fill will find, as pointers over ``rows``.
+def _split(rows, num_with_outer, position, line, pointer, column, value, outer_column, outer_value):
+    """Lower triangle within the yarns, and couplings to the other family, of some rows.
 
     position (n_local,): place in the order of elimination; _OTHER in the other family, _BEYOND for
     what no one here knows. Rows from ``num_with_outer`` on have no couplings to the other family.
-    extra (n_rows,) receives what couplings to other yarns of the family add to the diagonal.
+    What couplings to other yarns of the family have been adds to the diagonal.
+
+    Returns pointers of the two (rows + 1,), columns and values of the first; those of the second
+    are written to what is given.
     """
     n = len(rows)
     inner, outer = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    size = 0
+    for k in range(n):
+        size += (pointer[rows[k] + 1] - pointer[rows[k]] + 1) // 2 + 1
+    inner_column, inner_value = np.empty(2 * size, np.int32), np.empty(2 * size)
+    i, o = 0, 0
     for k in range(n):
         r = rows[k]
-        for e in range(pointer[r], pointer[r + 1]):
-            c = column[e]
-            p = position[c]
-            if value[e] == 0.0 or p == _BEYOND:
-                continue
-            if p == _OTHER:
-                outer[k + 1] += k < num_with_outer
-            elif line[c] != line[r]:
-                extra[k] += abs(value[e])
-            elif p <= k:
-                inner[k + 1] += 1
-    return np.cumsum(inner), np.cumsum(outer)
-
-
-@numba.njit(cache=True)
-def _fill(rows, num_with_outer, position, line, pointer, column, value, extra, inner, outer,
-          inner_column, inner_value, outer_column, outer_value):  # fmt: skip
-    """Lower triangle within the yarns (diagonal last) and couplings to the other family."""
-    for k in range(len(rows)):
-        r = rows[k]
-        i, o = inner[k], outer[k]
+        extra, diagonal = 0.0, -1
         for e in range(pointer[r], pointer[r + 1]):
             c = column[e]
             p = position[c]
@@ -103,10 +91,18 @@ def _fill(rows, num_with_outer, position, line, pointer, column, value, extra, i
                     outer_column[o] = c
                     outer_value[o] = value[e]
                     o += 1
-            elif line[c] == line[r] and p <= k:
+            elif line[c] != line[r]:
+                extra += abs(value[e])
+            elif p <= k:
                 inner_column[i] = p
-                inner_value[i] = value[e] + (extra[k] if p == k else 0.0)
+                inner_value[i] = value[e]
+                if p == k:
+                    diagonal = i
                 i += 1
+        if diagonal >= 0:
+            inner_value[diagonal] += extra
+        inner[k + 1], outer[k + 1] = i, o
+    return inner, outer, inner_column[:i], inner_value[:i]
 
 
 @numba.njit(cache=True)
@@ -344,27 +340,29 @@ class _Family:
         self.local = local
         d = local.block
         own, lower = _joints(local, line)
-        inner = line >= 0
-        inner[own] = False
-        inner[local.num_owned :] = False
-        inner = np.flatnonzero(inner)
-        # Eliminate towards the joint that a yarn ends at, so that nothing fills in.
-        descend = np.isin(line[inner], line[lower]) & ~np.isin(line[inner], line[own])
-        along = np.where(descend, -place[inner], place[inner])
-        self.rows = inner[np.lexsort((inner, line[inner], along, line[inner] // _GROUP))]
+        # Nodes stay whole. Eliminate towards the joint that a yarn ends at: then nothing fills in.
+        inner = line[: local.num_owned : d] >= 0
+        inner[own[::d] // d] = False
+        nodes = np.flatnonzero(inner)
+        at, along = line[nodes * d], place[nodes * d]
+        descend = np.isin(at, line[lower]) & ~np.isin(at, line[own])
+        along = np.where(descend, -along, along)
+        nodes = nodes[np.lexsort((at, along, at // _GROUP))]
+        self.rows = (nodes[:, None] * d + np.arange(d)).ravel()
         n, joints = len(self.rows), np.concatenate([own, lower])
         rows = np.concatenate([self.rows, joints])
         position = np.where(line >= 0, _BEYOND, _OTHER).astype(np.int32)
         position[rows] = np.arange(len(rows))
         given = local.pointer, local.column, local.value
         line = line.astype(np.int32)
-        extra = np.zeros(len(rows))
-        first = (rows, n + len(own), position, line, *given, extra)
-        inside, self.outer = _count(*first)
-        column, value = np.empty(inside[-1], np.int32), np.empty(inside[-1])
-        self.outer_column = np.empty(self.outer[-1], np.int32)
-        self.outer_value = np.empty(self.outer[-1], _REAL)
-        _fill(*first, inside, self.outer, column, value, self.outer_column, self.outer_value)
+        # As large as they could be; pages that are not written to take no memory.
+        outer_column = np.empty(len(local.column), np.int32)
+        outer_value = np.empty(len(local.column), _REAL)
+        inside, self.outer, column, value = _split(
+            rows, n + len(own), position, line, *given, outer_column, outer_value
+        )
+        self.outer_column = outer_column[: self.outer[-1]]
+        self.outer_value = outer_value[: self.outer[-1]]
         parent = _elimination_tree(n, inside, column)
         self.start = _factor_pattern(n, inside, column, parent)
         self.column, factor = np.empty(self.start[-1], np.int32), np.empty(self.start[-1])
