@@ -32,6 +32,40 @@ class LocalRows:
     ghost: np.ndarray
 
 
+def aij(
+    comm: MPI.Intracomm,
+    shape: tuple[int, int],
+    pointer: np.ndarray,
+    column: np.ndarray,
+    value: np.ndarray,
+    block: int = 1,
+) -> PETSc.Mat:
+    """AIJ matrix from this rank's rows, columns ascending in each. Collective.
+
+    On one rank PETSc uses the arrays as they are, which saves a copy made row by row.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Local rows and columns.
+    pointer, column, value
+        Compressed rows; columns are global.
+    block : int
+        Block size.
+    """
+    csr = (pointer.astype(_INT, copy=False), column.astype(_INT, copy=False), value)
+    if comm.size == 1:
+        matrix = PETSc.Mat().createAIJWithArrays(shape, csr, comm=comm)
+        matrix.setBlockSize(block)  # petsc4py would not
+        return matrix
+    matrix = PETSc.Mat().create(comm=comm)
+    matrix.setSizes(((shape[0], None), (shape[1], None)))
+    matrix.setBlockSize(block)
+    matrix.setType(PETSc.Mat.Type.AIJ)
+    matrix.setPreallocationCSR(csr)
+    return matrix
+
+
 def write_values(
     matrix: PETSc.Mat, values: np.ndarray, columns: np.ndarray, source: np.ndarray
 ) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .csr import write_values
+from .csr import aij, write_values
 from .exchange import GhostExchange
 
 _INT = np.dtype(PETSc.IntType).type
@@ -146,14 +146,8 @@ class BlockPattern:
             write_values(reuse, blocks, layout.columns, layout.source)
             return reuse
         local = self.block * self.nodes.num_nodes_owned
-        matrix = PETSc.Mat().create(comm=self.comm)
-        matrix.setSizes(((local, None), (local, None)))
-        matrix.setBlockSize(self.block)
-        matrix.setType(PETSc.Mat.Type.AIJ)
-        matrix.setPreallocationCSR(
-            (layout.rows, layout.columns, blocks.reshape(-1).take(layout.source))
-        )
-        return matrix
+        values = blocks.reshape(-1).take(layout.source)
+        return aij(self.comm, (local, local), layout.rows, layout.columns, values, self.block)
 
 
 class _Mesh:

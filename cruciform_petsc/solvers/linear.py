@@ -237,8 +237,11 @@ class LinearSolver:
             int(self.matrix.getSize()[0]),
             history,
         )
-        if reason >= 0 and not singular and info.ksp == PETSc.KSP.Type.PREONLY:
-            self._refuse_mechanism()
+        if not singular and info.ksp == PETSc.KSP.Type.PREONLY:
+            if info.reason == "DIVERGED_PCSETUP_FAILED":  # rounding left a pivot of just zero
+                raise _mechanism("a pivot of zero")
+            if reason >= 0:
+                self._refuse_mechanism()
         # A direct solver knows no residual: look at the true one.
         if reason < 0 or not np.isfinite(relative) or (relative > 1e-3 and not singular):
             what = f"{info.ksp} with {info.pc} did not converge ({info.reason}"
@@ -273,13 +276,7 @@ class LinearSolver:
         for vector in (x, y, diagonal):
             vector.destroy()
         if not stiffness > SOFTEST:
-            raise SolverError(
-                "a part of the preform can move without deforming "
-                f"(stiffness {stiffness:.0e} of the diagonal's): without yarn bending a net does "
-                "where it is one or two crossovers wide, and as a whole where no clamp keeps its "
-                "crossovers from turning; switch bending on, refine, or clamp more",
-                "MECHANISM",
-            )
+            raise _mechanism(f"stiffness {stiffness:.0e} of the diagonal's")
         self._checked = True
 
     def destroy(self) -> None:
@@ -288,6 +285,15 @@ class LinearSolver:
         if self._smoother is not None:
             self._smoother.free()
             self._smoother = None
+
+
+def _mechanism(sign: str) -> SolverError:
+    return SolverError(
+        f"a part of the preform can move without deforming ({sign}): without yarn bending a net "
+        "does where it is one or two crossovers wide, and as a whole where no clamp keeps its "
+        "crossovers from turning; switch bending on, refine, or clamp more",
+        "MECHANISM",
+    )
 
 
 def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:

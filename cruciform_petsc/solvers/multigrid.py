@@ -27,7 +27,7 @@ from petsc4py import PETSc
 from scipy.sparse import coo_array
 
 from ..assembly import LinearNetwork
-from ..csr import Halo, LocalRows, local_rows
+from ..csr import Halo, LocalRows, aij, local_rows
 from ..network import Network, Partition
 from .linear import Hierarchy
 from .yarns import YarnLines, YarnSmoother
@@ -36,8 +36,11 @@ from .yarns import YarnLines, YarnSmoother
 _STRONG = 0.25 - 1e-9
 _RIM = 2  # cells around those of a rank's own unknowns
 _INT = np.dtype(PETSc.IntType).type
-# Sweeps through both families before and after the coarse grids.
-SWEEPS = 2
+# Sweeps through both families before and after the coarse grids. The stiffer the yarns, the less
+# do smooth displacements resemble what is left at re-entrant corners: sweep more often, there.
+SWEEPS, STIFF_SWEEPS = 2, 4
+# From which contrast of the diagonal on yarns are stiff: E/G of some 10^4.
+STIFF = 3e4
 COARSEST = 3000
 
 
@@ -108,7 +111,18 @@ def hierarchy(
     smoother = None
     if unknowns.lines is not None:
         smoother = YarnSmoother(matrix, unknowns.lines)
-    return Hierarchy(interpolations, matrices, smoother, SWEEPS)
+    sweeps = STIFF_SWEEPS if _contrast(matrix) > STIFF else SWEEPS
+    return Hierarchy(interpolations, matrices, smoother, sweeps)
+
+
+def _contrast(matrix: PETSc.Mat) -> float:
+    """Large entries of the diagonal over small ones, without a tenth at either end. Collective."""
+    diagonal = matrix.getDiagonal()
+    stride = diagonal.getLocalSize() // 60_000 * 6 + 1  # does not pass over 1 of 2 or of 3 for good
+    entries = abs(diagonal.getArray(readonly=True))[::stride]
+    low, high = np.percentile(entries, (10, 90)) if len(entries) else (1.0, 1.0)
+    diagonal.destroy()
+    return float(matrix.comm.tompi4py().allreduce(high / low, MPI.MAX))
 
 
 def interpolations(linear: LinearNetwork, coarsest: int = COARSEST) -> list[PETSc.Mat]:
@@ -207,7 +221,7 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
     Entries come by component and corner; code is 4 component + 2 di + dj.
 
     The weights of corners that do not exist go to the others of the same field, so that constants
-    are kept. Called with empty ``column`` it finds the pointer only.
+    are kept. Returns the number of entries.
     """
     size = 0
     for r in range(len(cell)):
@@ -224,11 +238,10 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
                         lost += value + turn
                         continue
                     total += 1.0 if turn != 0.0 else abs(value + turn)
-                    if len(column):
-                        column[size], weight[size] = at, value + turn
-                        code[size] = 4 * c + 2 * di + dj
+                    column[size], weight[size] = at, value + turn
+                    code[size] = 4 * c + 2 * di + dj
                     size += 1
-            if not len(column) or lost == 0.0:
+            if lost == 0.0:
                 continue
             k = first
             for di in range(2):
@@ -240,6 +253,7 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
                         weight[k] += lost * own / total
                         k += 1
         pointer[r + 1] = size
+    return size
 
 
 @numba.njit(cache=True)
@@ -306,25 +320,16 @@ def _interpolation(
     )
     number = np.full((3, *shape), -1, np.int64)
     number[component, i, j] = answer
+    most = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    _rows(*given, number, pointer, np.zeros(0, _INT), np.zeros(0, np.uint8), np.zeros(0))
-    size = pointer[-1]
-    column, code, weight = np.empty(size, _INT), np.empty(size, np.uint8), np.empty(size)
-    if size:
-        _rows(*given, number, pointer, column, code, weight)
+    column, code, weight = np.empty(most, _INT), np.empty(most, np.uint8), np.empty(most)
+    size = _rows(*given, number, pointer, column, code, weight)
+    column, code, weight = column[:size], code[:size], weight[:size]
     by_corner = _Step(cell, pointer, code, weight.copy(), number, low)
     _sort_rows(pointer, column, weight)
-    matrix = _aij(comm, n, len(point), pointer, column, weight)
+    matrix = aij(comm, (n, len(point)), pointer, column, weight)
     coarse = Unknowns(point * float(step), np.eye(3)[component_owned], np.zeros((len(point), 2)))
     return matrix, coarse, by_corner
-
-
-def _aij(comm, rows, columns, pointer, column, value) -> PETSc.Mat:
-    matrix = PETSc.Mat().create(comm=comm)
-    matrix.setSizes(((rows, None), (columns, None)))
-    matrix.setType(PETSc.Mat.Type.AIJ)
-    matrix.setPreallocationCSR((pointer.astype(_INT), column.astype(_INT, copy=False), value))
-    return matrix
 
 
 def _number(comm, partition, step, component, point, strong):
@@ -487,7 +492,7 @@ def _galerkin(fine: PETSc.Mat, step: _Step, coarse: Unknowns, components: int) -
         part = _with_contributions(comm, n, offset, own_number[mine], part, own_number[other], sent)
     else:
         _sort_rows(*part)
-    return _aij(comm, n, n, *part)
+    return aij(comm, (n, n), *part)
 
 
 def _compressed(components, component, point, number, stencils):
