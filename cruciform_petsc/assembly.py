@@ -234,6 +234,7 @@ class LinearNetwork:
             masked[:] = ~free.all(axis=1)
             self._pattern.add(blocks, group.rows[~masked], matrix)
             free = free[masked]
+        free = free.astype(matrix.dtype)
         matrix = matrix * free[:, :, None] * free[:, None, :]
         self._pattern.add(blocks, group.rows[masked], matrix)
 
@@ -242,11 +243,11 @@ class LinearNetwork:
 
         In the yarn frame two fifths of the entries are zero, whatever the moduli.
         """
-        blocks = self._pattern.empty_blocks()
-        blocks[self._pattern.diagonal] = np.eye(self.unknowns_per_node)
+        blocks = self._pattern.empty_blocks(bool)
+        blocks[self._pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
         each = [self._condense(modes) for modes in (self.modes, *((m,) for m in self.modes))]
         for group, *pairs in zip(self.groups, *each, strict=True):
-            self._add(blocks, group, sum(abs(matrix) for matrix, _ in pairs))
+            self._add(blocks, group, np.any([matrix != 0 for matrix, _ in pairs], axis=0))
         return self._pattern.collect(blocks)
 
     @property

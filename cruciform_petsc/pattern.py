@@ -114,13 +114,16 @@ class BlockPattern:
             self._dense = Layout(*_layout(self._start, self._column, d, whole, True))
         return self._dense
 
-    def empty_blocks(self) -> np.ndarray:
+    def empty_blocks(self, dtype: type = float) -> np.ndarray:
         """Zero blocks (owned ones, then ghost rows) to add element matrices to."""
         d = self.block
-        return np.zeros((self.num_blocks + self._num_ghost_blocks, d, d))
+        return np.zeros((self.num_blocks + self._num_ghost_blocks, d, d), dtype)
 
     def add(self, blocks: np.ndarray, rows: np.ndarray, matrices: np.ndarray) -> None:
-        """Add matrices (m or 1, k d, k d) of elements ``rows`` of the first kind, in place."""
+        """Add matrices (m or 1, k d, k d) of elements ``rows`` of the first kind, in place.
+
+        To blocks of type bool: note which entries are not zero.
+        """
         _add(blocks, self.slots[0], rows, np.ascontiguousarray(matrices), self.block)
 
     def collect(self, blocks: np.ndarray) -> np.ndarray:

@@ -215,6 +215,8 @@ def _summary(case: Case, result: BiasExtensionResult, statistics: dict, hanging:
             "iterations": result.solver.iterations,
             "reason": result.solver.reason,
             "relative_residual": result.solver.relative_residual,
+            "setup_s": result.solver.setup_s,
+            "solution_s": result.solver.solution_s,
         },
         "network": {**statistics, "hanging_crossovers": hanging},
         "model": case.test.model,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import platform
@@ -10,7 +11,7 @@ import re
 import resource
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from math import pi, radians, sqrt
 from pathlib import Path
@@ -27,6 +28,7 @@ from cruciform_petsc.constraints import Constraints
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
 EXTENSION = 0.01  # of the preform's length
+BIAS = radians(45)
 
 
 # -- output ------------------------------------------------------------------------------------
@@ -87,41 +89,57 @@ def say_machine() -> None:
 # -- measuring ---------------------------------------------------------------------------------
 
 
+@dataclass
+class Seconds:
+    """Wall-clock and processor time of a block, the largest of all ranks."""
+
+    wall: float = 0.0
+    cpu: float = 0.0
+
+
 @contextmanager
-def clock() -> Iterator[Callable[[], float]]:
-    """Wall-clock seconds of a block, largest of all ranks, ranks starting together. Collective."""
+def clock() -> Iterator[Seconds]:
+    """Time a block, ranks starting together. Collective.
+
+    On a machine that others use too, wall-clock times of one thing and the next do not compare;
+    processor times do, but for what the others do to caches and memory. Ranks that wait for each
+    other burn processor time.
+    """
+    taken = Seconds()
     COMM.barrier()
-    begin = time.perf_counter()
-    taken: list[float] = []
-    yield lambda: taken[0]
-    taken.append(COMM.allreduce(time.perf_counter() - begin, MPI.MAX))
+    wall, cpu = time.perf_counter(), time.process_time()
+    yield taken
+    taken.cpu = COMM.allreduce(time.process_time() - cpu, MPI.MAX)
+    taken.wall = COMM.allreduce(time.perf_counter() - wall, MPI.MAX)
 
 
-def best(call: Callable[[], object], repeat: int = 5, inner: int = 1) -> float:
-    """Shortest of some times that a call takes, s. Collective."""
+def best(call: Callable[[], object], repeat: int = 5, inner: int = 1) -> Seconds:
+    """Shortest of some times that a call takes. Collective."""
     call()
     times = []
     for _ in range(repeat):
         with clock() as seconds:
             for _ in range(inner):
                 call()
-        times.append(seconds() / inner)
-    return min(times)
+        times.append(Seconds(seconds.wall / inner, seconds.cpu / inner))
+    return Seconds(min(one.wall for one in times), min(one.cpu for one in times))
 
 
-def matvec_seconds(matrix: PETSc.Mat) -> float:
-    """Time of one product with a matrix, s. Collective."""
+def matvec_seconds(matrix: PETSc.Mat) -> Seconds:
+    """Time of one product with a matrix. Collective."""
     x, y = matrix.createVecs()
     x.set(1.0)
     size = max(COMM.allgather(matrix.getLocalSize()[0]))
-    time_ = best(lambda: matrix.mult(x, y), 5, max(1, 1_000_000 // max(size, 1)))
+    taken = best(lambda: matrix.mult(x, y), 5, max(1, 2_000_000 // max(size, 1)))
     x.destroy()
     y.destroy()
-    return time_
+    return taken
 
 
 def resident_mib() -> float:
-    """Memory in use by this process now, MiB."""
+    """Memory in use by this process now, MiB, freed memory given back first where that works."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
         return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
@@ -140,10 +158,8 @@ def peak_mib() -> float:
 
 def reset_peak() -> None:
     """Forget the largest memory so far, where Linux allows it."""
-    try:
+    with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
-    except OSError:
-        pass
 
 
 # -- systems -----------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -91,7 +92,7 @@ class Hierarchy:
 
 @dataclass
 class SolverInfo:
-    """How a system was solved."""
+    """How a system was solved; times of set-up and solution in seconds."""
 
     ksp: str
     pc: str
@@ -100,6 +101,8 @@ class SolverInfo:
     relative_residual: float
     unknowns: int
     history: list[float] = field(default_factory=list, repr=False)
+    setup_s: float = 0.0
+    solution_s: float = 0.0
 
 
 @contextmanager
@@ -155,6 +158,7 @@ class LinearSolver:
         multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
     ):
         self.matrix = matrix
+        begin = time.perf_counter()
         extra = dict(extra or {})
         if options is None:
             kinds: dict[str, dict] = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
@@ -193,6 +197,7 @@ class LinearSolver:
                     f"(PETSc error {error.ierr})",
                     "SETUP",
                 ) from error
+        self._setup_s = time.perf_counter() - begin
 
     def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
         """Hand the levels to PCMG."""
@@ -218,8 +223,10 @@ class LinearSolver:
         Raises SolverError on every rank, with reason and history, if the iteration fails.
         """
         x = rhs.duplicate()
+        begin = time.perf_counter()
         self.ksp.setInitialGuessNonzero(False)
         self.ksp.solve(rhs, x)
+        solution_s = time.perf_counter() - begin
         reason = self.ksp.getConvergedReason()
         history = [float(value) for value in self.ksp.getConvergenceHistory()]
         residual = rhs.duplicate()
@@ -236,6 +243,8 @@ class LinearSolver:
             float(relative),
             int(self.matrix.getSize()[0]),
             history,
+            self._setup_s,
+            solution_s,
         )
         if not singular and info.ksp == PETSc.KSP.Type.PREONLY:
             if info.reason == "DIVERGED_PCSETUP_FAILED":  # rounding left a pivot of just zero
