@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..errors import InputError
 from ..finite import FiniteNetwork
 from ..network import Network
 from ..solvers.linear import LinearSolver, SolverInfo
-from ..solvers.multigrid import interpolations
+from ..solvers.multigrid import yarn_multigrid
 from ..solvers.nonlinear import Equilibrium, EquilibriumError, Increment, Path, follow
 from ..supports import find_supports
 from ..units import format_si, to_si
@@ -213,7 +214,7 @@ class Experiment:
         near_null[~linear.free] = 0.0
         owned = near_null[: network.num_nodes_owned].reshape(-1, 3)
         solver = LinearSolver(
-            matrix, owned, extra=self.options, interpolations=lambda: interpolations(linear)
+            matrix, owned, extra=self.options, multigrid=partial(yarn_multigrid, linear)
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from petsc4py import PETSc
@@ -42,8 +44,8 @@ ITERATIVE = {
 }
 YARN_MULTIGRID = ITERATIVE | {
     "pc_type": "mg",
-    "pc_mg_galerkin": "both",
-    "pc_mg_cycle_type": "w",
+    "pc_mg_cycle_type": "v",
+    "mg_levels_ksp_max_it": 1,
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "cholesky",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
@@ -58,9 +60,39 @@ LEAST_NORM = {
 }
 
 
+class Smoother(Protocol):
+    """A smoother of the finest level that is not PETSc's own: yarns.YarnSmoother."""
+
+    def attach(self, pc: PETSc.PC, level: int, sweeps: int) -> None:
+        """Make it the smoother of a level of a PCMG."""
+
+    def free(self) -> None:
+        """Free what it holds. Collective."""
+
+
+@dataclass
+class Hierarchy:
+    """A geometric multigrid's coarse levels. LinearSolver frees all of it.
+
+    Attributes
+    ----------
+    interpolations, matrices : lists of PETSc.Mat
+        Finest first; matrices of the coarse levels.
+    smoother : Smoother, optional
+        Of the finest level; without it PETSc's, by options.
+    sweeps : int
+        Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
+    """
+
+    interpolations: list[PETSc.Mat]
+    matrices: list[PETSc.Mat]
+    smoother: Smoother | None = None
+    sweeps: int = 1
+
+
 @dataclass
 class SolverInfo:
-    """How a system was solved."""
+    """How a system was solved; times of set-up and solution in seconds."""
 
     ksp: str
     pc: str
@@ -69,6 +101,8 @@ class SolverInfo:
     relative_residual: float
     unknowns: int
     history: list[float] = field(default_factory=list, repr=False)
+    setup_s: float = 0.0
+    solution_s: float = 0.0
 
 
 @contextmanager
@@ -109,9 +143,9 @@ class LinearSolver:
         Further options (of a case file) that overrule these.
     prefix : str
         Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
-    interpolations : callable, optional
-        Gives the interpolation matrices of a geometric multigrid, finest first; called, and the
-        matrices destroyed, if the preconditioner is PETSc's ``mg``.
+    multigrid : callable, optional
+        Gives the Hierarchy of a geometric multigrid for the matrix; called if the preconditioner
+        is PETSc's ``mg``.
     """
 
     def __init__(
@@ -121,9 +155,10 @@ class LinearSolver:
         options: Mapping[str, object] | None = None,
         extra: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
-        interpolations: Callable[[], list[PETSc.Mat]] | None = None,
+        multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
     ):
         self.matrix = matrix
+        begin = time.perf_counter()
         extra = dict(extra or {})
         if options is None:
             kinds: dict[str, dict] = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
@@ -131,7 +166,7 @@ class LinearSolver:
             # What is asked for on the command line brings its own defaults, too.
             asked = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", default)))
             options = kinds.get(asked, ITERATIVE)
-            if asked == "mg" and interpolations is None:
+            if asked == "mg" and multigrid is None:
                 options = ITERATIVE
         options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
@@ -149,10 +184,11 @@ class LinearSolver:
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
+        self._smoother: Smoother | None = None
         with petsc_options(prefix, options):
-            if kind == "mg" and interpolations is not None:
-                self._attach(interpolations())
             self.ksp.setFromOptions()
+            if kind == "mg" and multigrid is not None:
+                self._attach(multigrid(matrix), prefix)
             try:
                 self.ksp.setUp()
             except PETSc.Error as error:
@@ -161,15 +197,24 @@ class LinearSolver:
                     f"(PETSc error {error.ierr})",
                     "SETUP",
                 ) from error
+        self._setup_s = time.perf_counter() - begin
 
-    def _attach(self, interpolations: list[PETSc.Mat]) -> None:
-        """Hand interpolation matrices, finest first, to PCMG and destroy them."""
-        pc = self.ksp.getPC()
+    def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
+        """Hand the levels to PCMG."""
+        pc, top = self.ksp.getPC(), len(hierarchy.interpolations)
         pc.setType(PETSc.PC.Type.MG)
-        pc.setMGLevels(len(interpolations) + 1)
-        for level, matrix in enumerate(reversed(interpolations), start=1):
-            pc.setMGInterpolation(level, matrix)
+        pc.setMGLevels(top + 1)
+        for level, (interpolation, matrix) in enumerate(
+            zip(reversed(hierarchy.interpolations), reversed(hierarchy.matrices), strict=True)
+        ):
+            pc.setMGInterpolation(level + 1, interpolation)
+            (pc.getMGSmoother(level) if level else pc.getMGCoarseSolve()).setOperators(matrix)
+            interpolation.destroy()  # PETSc keeps its own references
             matrix.destroy()
+        self._smoother = hierarchy.smoother
+        sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
+        if self._smoother is not None and sweeps > 0 and top:
+            self._smoother.attach(pc, top, sweeps)
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.
@@ -178,8 +223,10 @@ class LinearSolver:
         Raises SolverError on every rank, with reason and history, if the iteration fails.
         """
         x = rhs.duplicate()
+        begin = time.perf_counter()
         self.ksp.setInitialGuessNonzero(False)
         self.ksp.solve(rhs, x)
+        solution_s = time.perf_counter() - begin
         reason = self.ksp.getConvergedReason()
         history = [float(value) for value in self.ksp.getConvergenceHistory()]
         residual = rhs.duplicate()
@@ -196,9 +243,14 @@ class LinearSolver:
             float(relative),
             int(self.matrix.getSize()[0]),
             history,
+            self._setup_s,
+            solution_s,
         )
-        if reason >= 0 and not singular and info.ksp == PETSc.KSP.Type.PREONLY:
-            self._refuse_mechanism()
+        if not singular and info.ksp == PETSc.KSP.Type.PREONLY:
+            if info.reason == "DIVERGED_PCSETUP_FAILED":  # rounding left a pivot of just zero
+                raise _mechanism("a pivot of zero")
+            if reason >= 0:
+                self._refuse_mechanism()
         # A direct solver knows no residual: look at the true one.
         if reason < 0 or not np.isfinite(relative) or (relative > 1e-3 and not singular):
             what = f"{info.ksp} with {info.pc} did not converge ({info.reason}"
@@ -233,18 +285,24 @@ class LinearSolver:
         for vector in (x, y, diagonal):
             vector.destroy()
         if not stiffness > SOFTEST:
-            raise SolverError(
-                "a part of the preform can move without deforming "
-                f"(stiffness {stiffness:.0e} of the diagonal's): without yarn bending a net does "
-                "where it is one or two crossovers wide, and as a whole where no clamp keeps its "
-                "crossovers from turning; switch bending on, refine, or clamp more",
-                "MECHANISM",
-            )
+            raise _mechanism(f"stiffness {stiffness:.0e} of the diagonal's")
         self._checked = True
 
     def destroy(self) -> None:
         """Free the KSP (not the matrix)."""
         self.ksp.destroy()
+        if self._smoother is not None:
+            self._smoother.free()
+            self._smoother = None
+
+
+def _mechanism(sign: str) -> SolverError:
+    return SolverError(
+        f"a part of the preform can move without deforming ({sign}): without yarn bending a net "
+        "does where it is one or two crossovers wide, and as a whole where no clamp keeps its "
+        "crossovers from turning; switch bending on, refine, or clamp more",
+        "MECHANISM",
+    )
 
 
 def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:

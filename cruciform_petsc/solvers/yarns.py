@@ -1,0 +1,508 @@
+# SPDX-License-Identifier: MIT
+"""Smoother of the yarn multigrid: the yarns of one family are solved whole, then the other's.
+
+An arm end shares cruciforms with its own yarn and with crossing yarns only, so the unknowns of all
+warp yarns fall apart into single yarns, and so do those of all weft yarns: with A_11 and A_22 the
+two families' own blocks, block Gauss-Seidel between the families costs little more than a product
+with the matrix, and it takes the stiff direction, along the yarns, out of the problem. Sweeps down
+go 1, 2, 1, 2, sweeps up 2, 1, 2, 1, so that the cycle is symmetric.
+
+A yarn's end on the outline belongs to both families: where a tail is short, the crossing yarn hangs
+on it as stiffly as on its own next arm end. Couplings between different yarns of one family, if a
+matrix has any, are left out and their size is added to the diagonal, which keeps what is left
+positive definite.
+
+Across ranks a yarn is cut at the arm ends between two ranks (*joints*, owned by the lower one): the
+pieces are eliminated on their ranks, the joints' Schur complement, one small block each, is
+summed up by its owner. This is exact for yarns that run over two ranks. Over more, the coupling of
+one joint to the next through a whole piece is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from petsc4py import PETSc
+
+from ..csr import Halo, local_rows
+
+# The factors and couplings of the smoother are kept in single precision. Rounding them is the same
+# for both halves of a symmetric pair, and what it changes is one of many ways to precondition;
+# residuals are taken with the matrix itself.
+_REAL = np.float32
+# Indices without sign spare the compiled loops a test of each for being negative: twice as fast.
+_INDEX = np.uint32
+# Neighbouring yarns that are solved alternately: the substitutions of one yarn depend each on the
+# last, those of several fill the processor.
+_GROUP = 4
+_OTHER, _BEYOND = -1, -2  # see _count
+
+
+@dataclass
+class YarnLines:
+    """On which yarns the unknowns of a rank lie.
+
+    Attributes
+    ----------
+    line : int32 (n, 2)
+        Number of the warp yarn and of the weft yarn that an unknown belongs to, -1 for none. All
+        belong to one, those of ends on the outline to two.
+    place : float (n, 2)
+        Where on these yarns; ascending along them.
+    """
+
+    line: np.ndarray
+    place: np.ndarray
+
+
+# -- kernels -----------------------------------------------------------------------------------
+
+
+@numba.njit(cache=True)
+def _split(rows, num_with_outer, position, line, pointer, column, value, outer_column, outer_value):
+    """Lower triangle within the yarns, and couplings to the other family, of some rows.
+
+    position (n_local,): place in the order of elimination; _OTHER in the other family, _BEYOND for
+    what no one here knows. Rows from ``num_with_outer`` on have no couplings to the other family.
+    What couplings to other yarns of the family have been adds to the diagonal.
+
+    Returns pointers of the two (rows + 1,), columns and values of the first; those of the second
+    are written to what is given.
+    """
+    n = len(rows)
+    inner, outer = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    size = 0
+    for k in range(n):
+        size += (pointer[rows[k] + 1] - pointer[rows[k]] + 1) // 2 + 1
+    inner_column, inner_value = np.empty(2 * size, np.int32), np.empty(2 * size)
+    i, o = 0, 0
+    for k in range(n):
+        r = rows[k]
+        extra, diagonal = 0.0, -1
+        for e in range(pointer[r], pointer[r + 1]):
+            c = column[e]
+            p = position[c]
+            if value[e] == 0.0 or p == _BEYOND:
+                continue
+            if p == _OTHER:
+                if k < num_with_outer:
+                    outer_column[o] = c
+                    outer_value[o] = value[e]
+                    o += 1
+            elif line[c] != line[r]:
+                extra += abs(value[e])
+            elif p <= k:
+                inner_column[i] = p
+                inner_value[i] = value[e]
+                if p == k:
+                    diagonal = i
+                i += 1
+        if diagonal >= 0:
+            inner_value[diagonal] += extra
+        inner[k + 1], outer[k + 1] = i, o
+    return inner, outer, inner_column[:i], inner_value[:i]
+
+
+@numba.njit(cache=True)
+def _elimination_tree(n, pointer, column):
+    """Parents in the elimination tree of a symmetric matrix, lower triangle by rows (n,)."""
+    parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    for k in range(n):
+        for e in range(pointer[k], pointer[k + 1]):
+            i = column[e]
+            while i != -1 and i < k:
+                up = ancestor[i]
+                ancestor[i] = k
+                if up == -1:
+                    parent[i] = k
+                i = up
+    return parent
+
+
+@numba.njit(cache=True)
+def _reach(k, pointer, column, n, parent, mark, found):
+    """Columns below n of row k of the factor; returns how many, ascending in ``found``."""
+    count = 0
+    for e in range(pointer[k], pointer[k + 1]):
+        i = column[e]
+        if i >= n:
+            continue
+        while i != -1 and i < n and mark[i] != k and i != k:
+            mark[i] = k
+            found[count] = i
+            count += 1
+            i = parent[i]
+    if count > 32:
+        found[:count].sort()
+    else:
+        for a in range(1, count):
+            value, b = found[a], a
+            while b > 0 and found[b - 1] > value:
+                found[b] = found[b - 1]
+                b -= 1
+            found[b] = value
+    return count
+
+
+@numba.njit(cache=True)
+def _factor_pattern(n, pointer, column, parent):
+    """Row lengths of the factor's strict lower triangle; rows from n on reach columns below n."""
+    rows = len(pointer) - 1
+    mark, found = np.full(max(rows, 1), -1, np.int32), np.empty(max(rows, 1), np.int32)
+    lengths = np.zeros(rows + 1, np.int64)
+    for k in range(rows):
+        lengths[k + 1] = _reach(k, pointer, column, n, parent, mark, found)
+    return np.cumsum(lengths)
+
+
+@numba.njit(cache=True)
+def _factor(n, pointer, column, value, parent, start, factor_column, factor, inverse):
+    """Cholesky factor by rows: strict lower triangle, and the inverse of the diagonal (n,).
+
+    Rows from n on are those of L with A = [L11 0; L21 .]: no diagonal of their own.
+    Returns the number of pivots that were not positive; these are replaced.
+    """
+    rows = len(pointer) - 1
+    mark, found = np.full(max(rows, 1), -1, np.int32), np.empty(max(rows, 1), np.int32)
+    x = np.zeros(max(n, 1))
+    bad = 0
+    for k in range(rows):
+        count = _reach(k, pointer, column, n, parent, mark, found)
+        diagonal = 0.0
+        for e in range(pointer[k], pointer[k + 1]):
+            if column[e] < n and column[e] != k:
+                x[column[e]] += value[e]
+            elif column[e] == k:
+                diagonal += value[e]
+        size = abs(diagonal)
+        for a in range(count):
+            j = found[a]
+            total = x[j]
+            for e in range(start[j], start[j + 1]):
+                total -= factor[e] * x[factor_column[e]]
+            total *= inverse[j]
+            x[j] = total
+            factor_column[start[k] + a] = j
+            factor[start[k] + a] = total
+            diagonal -= total * total
+        for a in range(count):
+            x[found[a]] = 0.0
+        if k < n:
+            if not diagonal > 1e-14 * size:
+                bad += 1
+                diagonal = size if size > 0 else 1.0
+            inverse[k] = 1.0 / np.sqrt(diagonal)
+    return bad
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _forward(rows, outer, outer_column, outer_value, start, factor_column, factor, inverse,
+             b, x, y, first):  # fmt: skip
+    """y = L^-1 (b - C x): right side without the family's own unknowns, and elimination."""
+    for k in range(len(inverse)):
+        total = b[rows[k]]
+        if not first:
+            other = 0.0
+            for e in range(outer[k], outer[k + 1]):
+                other += outer_value[e] * x[outer_column[e]]
+            total -= other
+        for e in range(start[k], start[k + 1]):
+            total -= factor[e] * y[factor_column[e]]
+        y[k] = total * inverse[k]
+
+
+@numba.njit(cache=True)
+def _joints_forward(n, rows, own, outer, outer_column, outer_value, start, factor_column, factor,
+                    b, x, y, t):  # fmt: skip
+    """t = right side of the joints' Schur complement: this rank's part."""
+    for s in range(len(rows)):
+        total = 0.0
+        if own[s]:
+            total = b[rows[s]]
+            for e in range(outer[n + s], outer[n + s + 1]):
+                total -= outer_value[e] * x[outer_column[e]]
+        k = n + s
+        for e in range(start[k], start[k + 1]):
+            total -= factor[e] * y[factor_column[e]]
+        t[rows[s]] = total
+
+
+@numba.njit(cache=True)
+def _joints_backward(n, rows, start, factor_column, factor, x, y):
+    """Take known joints off the right side: y -= L21^T x."""
+    for s in range(len(rows)):
+        value = x[rows[s]]
+        k = n + s
+        for e in range(start[k], start[k + 1]):
+            y[factor_column[e]] -= factor[e] * value
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _backward(rows, start, factor_column, factor, inverse, x, y):
+    """x = L^-T y; y is used up."""
+    for k in range(len(inverse) - 1, -1, -1):
+        value = y[k] * inverse[k]
+        x[rows[k]] = value
+        for e in range(start[k], start[k + 1]):
+            y[factor_column[e]] -= factor[e] * value
+
+
+@numba.njit(cache=True)
+def _joint_blocks(n, pointer, column, value, block, slot, start, factor_column, factor, blocks):
+    """A less L21 L21^T for the unknowns of each joint; those of one joint stand together.
+
+    block (s,): which joint; slot (s,): which unknown of it.
+    """
+    work = np.zeros(max(n, 1))
+    for s in range(len(block)):
+        k = n + s
+        for e in range(pointer[k], pointer[k + 1]):
+            q = column[e] - n
+            if q >= 0 and block[q] == block[s]:
+                blocks[block[s], slot[s], slot[q]] += value[e]
+                if q != s:
+                    blocks[block[s], slot[q], slot[s]] += value[e]
+        for e in range(start[k], start[k + 1]):
+            work[factor_column[e]] = factor[e]
+        for q in range(max(s - blocks.shape[1], 0), min(s + blocks.shape[1], len(block))):
+            if block[q] == block[s]:
+                total = 0.0
+                for e in range(start[n + q], start[n + q + 1]):
+                    total += factor[e] * work[factor_column[e]]
+                blocks[block[s], slot[s], slot[q]] -= total
+        for e in range(start[k], start[k + 1]):
+            work[factor_column[e]] = 0.0
+
+
+@numba.njit(cache=True)
+def _merge(pointer, column, value, ghost_pointer, ghost_column, ghost_value, num_ghost):
+    """Rows of own unknowns with both halves in one, then ghosts' rows: their own columns only."""
+    n = len(pointer) - 1
+    start = np.zeros(n + num_ghost + 1, np.int64)
+    for r in range(n):
+        start[r + 1] = pointer[r + 1] - pointer[r] + ghost_pointer[r + 1] - ghost_pointer[r]
+    for e in range(len(ghost_column)):
+        start[n + ghost_column[e] + 1] += 1
+    start = np.cumsum(start)
+    at = start[n:-1].copy()
+    columns, values = np.empty(start[-1], np.int32), np.empty(start[-1])
+    for r in range(n):
+        k = start[r]
+        for e in range(pointer[r], pointer[r + 1]):
+            columns[k], values[k] = column[e], value[e]
+            k += 1
+        for e in range(ghost_pointer[r], ghost_pointer[r + 1]):
+            g = ghost_column[e]
+            columns[k], values[k] = n + g, ghost_value[e]
+            k += 1
+            columns[at[g]], values[at[g]] = r, ghost_value[e]
+            at[g] += 1
+    return start, columns, values
+
+
+# -- families and sweeps -----------------------------------------------------------------------
+
+
+@dataclass
+class _Local:
+    """A rank's part of the matrix: own rows, and of the ghosts' rows the columns of its own.
+
+    pointer, column, value: compressed rows over own unknowns, then ghosts. owner (n_ghost,).
+    """
+
+    pointer: np.ndarray
+    column: np.ndarray
+    value: np.ndarray
+    num_owned: int
+    owner: np.ndarray
+    rank: int
+    halo: Halo | None
+    block: int
+
+    @property
+    def size(self) -> int:
+        """Own unknowns and ghosts."""
+        return self.num_owned + len(self.owner)
+
+
+class _Family:
+    """One family's yarns: their factors, and their couplings to the other family.
+
+    Parameters
+    ----------
+    line : int (n_local,), the yarn of each unknown, -1 for none
+    place : float (n_local,)
+    """
+
+    def __init__(self, local: _Local, line: np.ndarray, place: np.ndarray):
+        self.local = local
+        d = local.block
+        own, lower = _joints(local, line)
+        # Nodes stay whole. Eliminate towards the joint that a yarn ends at: then nothing fills in.
+        inner = line[: local.num_owned : d] >= 0
+        inner[own[::d] // d] = False
+        nodes = np.flatnonzero(inner)
+        at, along = line[nodes * d], place[nodes * d]
+        descend = np.isin(at, line[lower]) & ~np.isin(at, line[own])
+        along = np.where(descend, -along, along)
+        nodes = nodes[np.lexsort((at, along, at // _GROUP))]
+        self.rows = (nodes[:, None] * d + np.arange(d)).ravel()
+        n, joints = len(self.rows), np.concatenate([own, lower])
+        rows = np.concatenate([self.rows, joints])
+        position = np.where(line >= 0, _BEYOND, _OTHER).astype(np.int32)
+        position[rows] = np.arange(len(rows))
+        given = local.pointer, local.column, local.value
+        line = line.astype(np.int32)
+        # As large as they could be; pages that are not written to take no memory.
+        outer_column = np.empty(len(local.column), np.int32)
+        outer_value = np.empty(len(local.column), _REAL)
+        inside, self.outer, column, value = _split(
+            rows, n + len(own), position, line, *given, outer_column, outer_value
+        )
+        self.outer_column = outer_column[: self.outer[-1]]
+        self.outer_value = outer_value[: self.outer[-1]]
+        parent = _elimination_tree(n, inside, column)
+        self.start = _factor_pattern(n, inside, column, parent)
+        self.column, factor = np.empty(self.start[-1], np.int32), np.empty(self.start[-1])
+        inverse = np.empty(n)
+        self.bad_pivots = _factor(
+            n, inside, column, value, parent, self.start, self.column, factor, inverse
+        )
+        self.inverse, self.factor = inverse.astype(_REAL), factor.astype(_REAL)
+        for name in ("rows", "outer", "outer_column", "start", "column"):
+            setattr(self, name, getattr(self, name).astype(_INDEX))
+        self.y = np.empty(n)
+        if local.halo is None:
+            return
+        # Joints: their Schur complement, summed up by the owner.
+        self.joints, self.is_own = joints, joints < local.num_owned
+        node, index = np.unique(joints // d, return_inverse=True)
+        blocks = np.zeros((len(node), d, d))
+        _joint_blocks(n, inside, column, value, index, joints % d, self.start, self.column, factor,
+                      blocks)  # fmt: skip
+        every = np.zeros((local.size // d, d, d))
+        every[node] = blocks
+        every = np.repeat(every, d, axis=0)  # the halo knows unknowns, not nodes
+        local.halo.reverse(every)
+        mine = np.unique(own // d)
+        schur = every[mine * d]
+        self.schur = np.linalg.inv(0.5 * (schur + np.swapaxes(schur, 1, 2)))
+        self.mine = (mine[:, None] * d + np.arange(d)).ravel()
+        self.t = np.zeros(local.size)
+
+    def solve(self, b: np.ndarray, x: np.ndarray, first: bool) -> None:
+        """Put the family's unknowns into equilibrium with the others'. Collective.
+
+        b (n_owned,) is the load; x (n_local,) the displacement, all zero if ``first``.
+        """
+        halo = self.local.halo
+        factors = self.start, self.column, self.factor
+        outer = self.outer, self.outer_column, self.outer_value
+        _forward(self.rows, *outer, *factors, self.inverse, b, x, self.y, first)
+        if halo is not None:
+            n, d = len(self.rows), self.local.block
+            self.t[:] = 0.0
+            _joints_forward(n, self.joints, self.is_own, *outer, *factors, b, x, self.y, self.t)
+            halo.reverse(self.t)
+            right = self.t[self.mine].reshape(-1, d)
+            x[self.mine] = np.einsum("nij,nj->ni", self.schur, right).ravel()
+            halo.forward(x)
+            _joints_backward(n, self.joints, *factors, x, self.y)
+        _backward(self.rows, *factors, self.inverse, x, self.y)
+        if halo is not None:
+            halo.forward(x)
+
+
+def _joints(local: _Local, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns at which yarns are cut between ranks: own ones, and ghosts of lower ranks."""
+    n, d = local.num_owned, local.block
+    begin, end = local.pointer[n], local.pointer[-1]
+    ghost = np.repeat(np.arange(n, local.size), np.diff(local.pointer[n:]))
+    own = local.column[begin:end]
+    along = (line[ghost] >= 0) & (line[ghost] == line[own]) & (local.value[begin:end] != 0)
+    ghost, own = ghost[along], own[along]
+    higher = local.owner[ghost - n] > local.rank
+
+    def whole(unknowns: np.ndarray) -> np.ndarray:
+        return (np.unique(unknowns // d)[:, None] * d + np.arange(d)).ravel()
+
+    return whole(own[higher]), whole(ghost[~higher])
+
+
+class YarnSmoother:
+    """Gauss-Seidel between the two families of yarns, as a PETSc preconditioner. Collective.
+
+    Parameters
+    ----------
+    matrix : PETSc.Mat (AIJ)
+        Symmetric, positive definite. Its block size is the number of unknowns per node; nodes are
+        not split between yarns.
+    lines : YarnLines
+        Of the unknowns that this rank owns.
+    """
+
+    def __init__(self, matrix: PETSc.Mat, lines: YarnLines):
+        comm = matrix.comm.tompi4py()
+        with local_rows(matrix) as part:
+            n, num_ghost = len(part.pointer) - 1, len(part.ghost)
+            halo = Halo(comm, n, part.ghost) if comm.size > 1 else None
+            line = np.full((n + num_ghost, 2), -1, np.int32)
+            place = np.zeros((n + num_ghost, 2))
+            line[:n], place[:n] = lines.line, lines.place
+            rows: tuple[np.ndarray, ...] = (part.pointer, part.column, part.value)
+            owner = np.zeros(0, np.int64)
+            if halo is not None:
+                halo.forward(line)
+                halo.forward(place)
+                rows = _merge(*rows, part.ghost_pointer, part.ghost_column, part.ghost_value,
+                              num_ghost)  # fmt: skip
+                owner = halo.ghost_owner
+            local = _Local(*rows, n, owner, comm.rank, halo, max(matrix.getBlockSize(), 1))
+            self.families = [
+                _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
+                for f in (0, 1)
+            ]
+            local.pointer = local.column = local.value = np.zeros(0)  # borrowed: forget them
+        self.halo = halo
+        self._x = np.zeros(local.size)
+
+    def apply(self, b: np.ndarray, order: tuple[int, ...]) -> np.ndarray:
+        """Solve the families in some order, from zero; returns x (n_owned,). Collective."""
+        x = self._x
+        x[:] = 0.0
+        for k, family in enumerate(order):
+            self.families[family].solve(b, x, k == 0)
+        return x[: len(b)]
+
+    def attach(self, pc: PETSc.PC, level: int, sweeps: int) -> None:
+        """Make this the smoother of a level of a PCMG."""
+        order = (0, 1) * sweeps
+        for ksp, families in (
+            (pc.getMGSmootherDown(level), order),
+            (pc.getMGSmootherUp(level), order[::-1]),
+        ):
+            # Out of reach of the options for the other levels, which PETSc applies later on.
+            ksp.setOptionsPrefix(f"{pc.getOptionsPrefix() or ''}mg_yarn_")
+            ksp.setType(PETSc.KSP.Type.RICHARDSON)
+            ksp.setNormType(PETSc.KSP.NormType.NONE)
+            ksp.setTolerances(max_it=1)
+            inner = ksp.getPC()
+            inner.setType(PETSc.PC.Type.PYTHON)
+            inner.setPythonContext(_Sweep(self, families))
+
+    def free(self) -> None:
+        """Free the communicators. Collective."""
+        if self.halo is not None:
+            self.halo.free()
+
+
+class _Sweep:
+    """What PETSc calls."""
+
+    def __init__(self, smoother: YarnSmoother, order: tuple[int, ...]):
+        self.smoother, self.order = smoother, order
+
+    def apply(self, pc, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        x.setArray(self.smoother.apply(b.getArray(readonly=True), self.order))

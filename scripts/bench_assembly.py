@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: MIT
+"""Assembly of the network beside dolfinx's of a membrane with as many unknowns, in one run.
+
+    ./scripts/fenicsx python3 scripts/bench_assembly.py [--crossovers 240000]
+
+Prints matrix entries per second of the first assembly (pattern included) and of re-assembly;
+writes results/bench_assembly_RANKS.json and a picture. The membrane is plane
+stress with quadratic displacements on triangles: about as many entries per row as the network.
+"""
+
+import argparse
+from pathlib import Path
+
+import benchlib
+from benchlib import COMM, TABLE_1, Table, best, clock, outline
+
+from cruciform_petsc import Network, Preform
+from cruciform_petsc.assembly import LinearNetwork
+from cruciform_petsc.constraints import Constraints
+
+
+def entries(matrix) -> int:
+    """Entries of all ranks."""
+    return int(COMM.allreduce(matrix.getInfo()["nz_used"]))
+
+
+def membrane(unknowns: int, degree: int):
+    """Bilinear form of an orthotropic membrane on a square with about some unknowns."""
+    import numpy as np
+    import ufl
+    from dolfinx import fem, mesh
+
+    n = max(2, round((unknowns / 2) ** 0.5 / degree))
+    domain = mesh.create_unit_square(COMM, n, n)
+    space = fem.functionspace(domain, ("Lagrange", degree, (2,)))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+
+    def strain(w):
+        gradient = ufl.grad(w)
+        return ufl.as_vector([gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]])
+
+    c11, c22, c12 = TABLE_1.c11, TABLE_1.c22, TABLE_1.c12
+    law = ufl.as_matrix(np.array([[c11, c12, 0], [c12, c22, 0], [0, 0, TABLE_1.shear_modulus]]))
+    form = fem.form(ufl.inner(law * strain(u), strain(v)) * ufl.dx)
+    return form, space.dofmap.index_map.size_global * 2
+
+
+def ours(crossovers: float, bending: bool) -> dict:
+    """Times of one network."""
+    stages = {}
+
+    def stage(name, call):
+        with clock() as seconds:
+            result = call()
+        stages[name] = seconds.cpu
+        return result
+
+    cut = outline(crossovers, "rectangle")
+    network = stage("network", lambda: Network(COMM, Preform(cut, benchlib.BIAS), TABLE_1))
+    constraints = Constraints(network, bending)
+    constraints.clamp("lower")
+    constraints.clamp("upper", (0.0, 0.01))
+    linear = stage("elements", lambda: LinearNetwork(constraints))
+    matrix = stage("first", linear.matrix)
+    again = best(lambda: linear.matrix(reuse=matrix), 3).cpu
+    result = {
+        "crossovers": network.num_crossovers_global,
+        "unknowns": matrix.getSize()[0],
+        "entries": entries(matrix),
+        "first": stages["first"],
+        "again": again,
+        **{key: stages[key] for key in ("network", "elements")},
+    }
+    matrix.destroy()
+    return result
+
+
+def theirs(unknowns: int, degree: int) -> dict:
+    """Times of dolfinx."""
+    from dolfinx.fem import petsc
+
+    form, size = membrane(unknowns, degree)
+
+    def first():
+        matrix = petsc.create_matrix(form)
+        petsc.assemble_matrix(matrix, form)
+        matrix.assemble()
+        return matrix
+
+    with clock() as seconds:
+        matrix = first()
+
+    def again():
+        matrix.zeroEntries()
+        petsc.assemble_matrix(matrix, form)
+        matrix.assemble()
+
+    result = {
+        "unknowns": size,
+        "entries": entries(matrix),
+        "first": seconds.cpu,
+        "again": best(again, 3).cpu,
+    }
+    matrix.destroy()
+    return result
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--crossovers", type=float, default=240_000)
+    arguments, _ = parser.parse_known_args()
+    benchlib.say_machine()
+    for bending in (True, False):  # compiled, or read, before the clock runs
+        ours(3000, bending)
+    theirs(2000, 1), theirs(2000, 2)
+    table = Table(
+        f"Assembly on {COMM.size} rank(s), processor time",
+        "what", "unknowns", "entries, 10^6", "first, s", "again, s", "first, 10^6 entries/s",
+        "again, 10^6 entries/s",
+    )  # fmt: skip
+    results = {}
+    for bending in (True, False):
+        name = f"network, {'bending' if bending else 'no bending'}"
+        results[name] = ours(arguments.crossovers, bending)
+    for degree in (1, 2):
+        results[f"dolfinx, degree {degree}"] = theirs(
+            results["network, bending"]["unknowns"], degree
+        )
+    for name, one in results.items():
+        table.row(
+            name,
+            one["unknowns"],
+            f"{one['entries'] / 1e6:.1f}",
+            f"{one['first']:.2f}",
+            f"{one['again']:.2f}",
+            f"{one['entries'] / one['first'] / 1e6:.1f}",
+            f"{one['entries'] / one['again'] / 1e6:.1f}",
+        )
+    own = results["network, bending"]
+    if COMM.rank == 0:
+        print(f"\nnetwork generated in {own['network']:.2f} s, elements and supports in "
+              f"{own['elements']:.2f} s")  # fmt: skip
+    benchlib.save(Path(f"results/bench_assembly_{COMM.size}.json"), assembly=results)
+    if COMM.rank == 0:
+        picture(Path(f"results/bench_assembly_{COMM.size}.png"), results)
+
+
+def picture(path: Path, results: dict) -> None:
+    """Bars of entries per second."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = list(results)[::-1]
+    figure, axes = pyplot.subplots(figsize=(7, 3), layout="constrained")
+    for shift, key in ((0.2, "first"), (-0.2, "again")):
+        axes.barh(
+            [k + shift for k in range(len(names))],
+            [results[name]["entries"] / results[name][key] / 1e6 for name in names],
+            0.4,
+            label=key,
+        )
+    axes.set_yticks(range(len(names)), names)
+    axes.set_xlabel(f"10^6 matrix entries per second, {COMM.size} rank(s)")
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: MIT
+"""Solvers of the network side by side, in one run.
+
+    ./scripts/fenicsx python3 scripts/bench_solvers.py [--crossovers 240000]
+    ./scripts/fenicsx mpirun -n 2 python3 -m mpi4py scripts/bench_solvers.py --robustness
+
+The first prints set-up, solution, iterations, cost in products with the matrix and memory of the
+yarn multigrid, GAMG, BoomerAMG, MUMPS and CHOLMOD, to a true residual of 1e-8, and draws them; the
+second the iterations of the yarn multigrid for many preforms and fabrics. Both print Markdown and
+write results/*.json.
+"""
+
+import argparse
+import gc
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import benchlib
+import numpy as np
+from benchlib import COMM, System, Table, clock, cloth, matvec_seconds, system
+from petsc4py import PETSc
+
+from cruciform_petsc.errors import SolverError
+from cruciform_petsc.solvers.linear import DIRECT, YARN_MULTIGRID, LinearSolver
+from cruciform_petsc.solvers.multigrid import yarn_multigrid
+
+TOLERANCE = 1e-8
+CG = {
+    "ksp_type": "cg",
+    "ksp_rtol": TOLERANCE,
+    "ksp_norm_type": "unpreconditioned",
+    "ksp_max_it": 1000,
+}
+GAMG = CG | {"pc_type": "gamg"}
+ICC = {
+    "mg_levels_pc_type": "bjacobi",
+    "mg_levels_sub_pc_type": "icc",
+    "mg_levels_sub_pc_factor_shift_type": "positive_definite",
+}
+HYPRE = CG | {"pc_type": "hypre"}
+CHOLMOD = DIRECT | {"pc_factor_mat_solver_type": "cholmod"}
+# What GAMG is tuned over: each entry is tried, the fastest is its best setting found.
+GAMG_TUNED = {
+    "ICC": ICC,
+    "ICC, 1 step": ICC | {"mg_levels_ksp_max_it": 1},
+    "ICC, 1 step, W cycle": ICC | {"mg_levels_ksp_max_it": 1, "pc_mg_cycle_type": "w"},
+    "ICC, 1 step, threshold 0.01": ICC | {"mg_levels_ksp_max_it": 1, "pc_gamg_threshold": 0.01},
+    "ICC, 1 step, no aggressive coarsening": ICC
+    | {"mg_levels_ksp_max_it": 1, "pc_gamg_aggressive_coarsening": 0},
+}
+
+
+def measure(case: System, options: dict) -> dict | None:
+    """Set-up and solution times, iterations, residual and memory of one solver. Collective."""
+    gc.collect()
+    benchlib.reset_peak()
+    before = benchlib.resident_mib()
+    near_null = case.near_null if options["pc_type"] == "gamg" else None
+    solver = None
+    try:
+        with clock() as setup:
+            solver = LinearSolver(
+                case.matrix, near_null, options, multigrid=partial(yarn_multigrid, case.linear)
+            )
+        solver._checked = True  # time the solution, not the search for mechanisms
+        with clock() as solution:
+            x, info = solver.solve(case.rhs)
+        x.destroy()
+    except SolverError as error:
+        if COMM.rank == 0:
+            print(f"<!-- {error} -->")
+        return None
+    finally:
+        memory = COMM.allreduce(benchlib.peak_mib() - before)
+        if solver is not None:
+            # petsc4py lets go of collectively made objects at once, C's allocator of memory not.
+            solver.destroy()
+            del solver
+            PETSc.garbage_cleanup(case.matrix.comm)
+    return {
+        "setup": setup.cpu,
+        "solution": solution.cpu,
+        "total": setup.cpu + solution.cpu,
+        "wall": setup.wall + solution.wall,
+        "iterations": info.iterations,
+        "residual": info.relative_residual,
+        "memory": memory,
+    }
+
+
+def compare(crossovers: float, direct: bool) -> None:
+    """All solvers on one system."""
+    warm = system(3000)  # numba's kernels are compiled, or read, before the clock runs
+    measure(warm, YARN_MULTIGRID | CG | {"pc_type": "mg"})
+    warm.destroy()
+    with clock() as making:
+        case = system(crossovers)
+    network = case.linear.network
+    product_seconds = matvec_seconds(case.matrix).cpu
+    unknowns = case.matrix.getSize()[0]
+    entries = case.matrix.getInfo()["nz_used"]
+    if COMM.rank == 0:
+        print(
+            f"\n{network.num_crossovers_global} crossovers, {unknowns} unknowns, "
+            f"{entries / unknowns:.1f} entries per row, network and assembly {making.cpu:.2f} s, "
+            f"one product with the matrix {1e3 * product_seconds:.2f} ms"
+        )
+    table = Table(
+        f"Solvers at {network.num_crossovers_global} crossovers on {COMM.size} rank(s), processor time",
+        "solver", "set-up, s", "solution, s", "together, s", "iterations", "true residual",
+        "in products", "memory, MiB", "times the yarn multigrid's", "wall clock, s",
+    )  # fmt: skip
+    results: dict[str, dict] = {}
+
+    def run(name: str, options: dict) -> None:
+        # The product is timed before and after: other users slow down the memory by and by.
+        before = matvec_seconds(case.matrix).cpu
+        result = measure(case, options)
+        after = matvec_seconds(case.matrix).cpu
+        if result is None:
+            table.row(name, "failed", *[""] * 8)
+            return
+        result["products"] = result["total"] / (0.5 * (before + after))
+        results[name] = result
+        own = results.get("yarn multigrid", result)["total"]
+        table.row(
+            name,
+            f"{result['setup']:.2f}",
+            f"{result['solution']:.2f}",
+            f"{result['total']:.2f}",
+            result["iterations"],
+            f"{result['residual']:.0e}",
+            f"{result['products']:.0f}",
+            f"{result['memory']:.0f}",
+            f"{result['total'] / own:.1f}",
+            f"{result['wall']:.2f}",
+        )
+
+    run("yarn multigrid", YARN_MULTIGRID | CG | {"pc_type": "mg"})
+    run("GAMG, defaults", GAMG)
+    for name, options in GAMG_TUNED.items():
+        run(f"GAMG, {name}", GAMG | options)
+    run("BoomerAMG", HYPRE)
+    if direct:
+        if COMM.size == 1:
+            run("CHOLMOD", CHOLMOD)
+        run("MUMPS", DIRECT)
+    run("yarn multigrid, again", YARN_MULTIGRID | CG | {"pc_type": "mg"})
+    name = f"bench_solvers_{COMM.size}"
+    benchlib.save(
+        Path(f"results/{name}.json"),
+        crossovers=network.num_crossovers_global,
+        unknowns=unknowns,
+        product=product_seconds,
+        solvers=results,
+    )
+    if COMM.rank == 0:
+        picture(Path(f"results/{name}.png"), network.num_crossovers_global, results)
+    case.destroy()
+
+
+def picture(path: Path, crossovers: int, results: dict[str, dict]) -> None:
+    """Bars of set-up and solution."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    names = list(results)[::-1]
+    figure, axes = pyplot.subplots(figsize=(7, 0.35 * len(names) + 1.2), layout="constrained")
+    setup = [results[name]["setup"] for name in names]
+    solution = [results[name]["solution"] for name in names]
+    axes.barh(names, setup, color="0.6", label="set-up")
+    axes.barh(names, solution, left=setup, color="tab:blue", label="solution")
+    axes.set_xlabel(f"processor seconds, {crossovers} crossovers, {COMM.size} rank(s)")
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=150)
+    pyplot.close(figure)
+
+
+def robustness(largest: float) -> None:
+    """Iterations of the yarn multigrid over sizes, angles, outlines and fabrics."""
+    options = YARN_MULTIGRID | CG | {"pc_type": "mg"}
+    counts: dict[str, object] = {}
+
+    def iterations(*arguments, **keywords) -> str:
+        case = system(*arguments, **keywords)
+        result = measure(case, options)
+        case.destroy()
+        counts[f"{arguments} {keywords}"] = result and result["iterations"]
+        return "-" if result is None else str(result["iterations"])
+
+    sizes = [n for n in (1e4, 3e4, 1e5, 3e5, 1e6) if n <= largest]
+    table = Table(
+        f"Iterations by size, Table 1, rectangle at 45 deg, {COMM.size} rank(s)",
+        "crossovers", *(f"{n:.0f}" for n in sizes),
+    )  # fmt: skip
+    for bending in (True, False):
+        table.row(
+            "bending" if bending else "no bending", *(iterations(n, bending=bending) for n in sizes)
+        )
+    fabrics = {
+        "Table 1": cloth(),
+        "E/G = 10^4": cloth(1e4),
+        "E/G = 10^5": cloth(1e5),
+        "50 : 1": cloth(ratio=50),
+        "E/G = 10^5, 50 : 1": cloth(1e5, 50),
+    }
+    fabrics["1 : 50"] = swapped(cloth(ratio=50))
+    for size in (n for n in (1e4, 6e4) if n <= largest):
+        table = Table(
+            f"Iterations at {size:.0f} crossovers, {COMM.size} rank(s): bending / no bending",
+            "outline", "angle", *fabrics,
+        )  # fmt: skip
+        for shape, angle in product(("rectangle", "L", "hole"), (0.0, 20.0, 45.0)):
+            table.row(
+                shape,
+                f"{angle:.0f}",
+                *(
+                    " / ".join(
+                        iterations(size, shape, angle, bending, fabric) for bending in (True, False)
+                    )
+                    for fabric in fabrics.values()
+                ),
+            )
+    known = [count for count in counts.values() if count is not None]
+    if COMM.rank == 0:
+        print(f"\nlargest {max(known)}, mean {np.mean(known):.1f}, failed "
+              f"{len(counts) - len(known)} of {len(counts)}")  # fmt: skip
+    benchlib.save(Path(f"results/bench_robustness_{COMM.size}.json"), iterations=counts)
+
+
+def swapped(fabric):
+    """The same cloth with warp and weft changed over."""
+    from dataclasses import replace
+
+    return replace(fabric, warp=fabric.weft, weft=fabric.warp)
+
+
+def main() -> None:
+    """Print the tables asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--crossovers", type=float, default=240_000)
+    parser.add_argument("--no-direct", action="store_true", help="leave the direct solvers out")
+    parser.add_argument("--robustness", action="store_true", help="iterations instead of times")
+    parser.add_argument("--largest", type=float, default=1e6, help="size for --robustness")
+    arguments, _ = parser.parse_known_args()
+    benchlib.say_machine()
+    if arguments.robustness:
+        robustness(arguments.largest)
+    else:
+        compare(arguments.crossovers, not arguments.no_direct)
+
+
+if __name__ == "__main__":
+    main()
