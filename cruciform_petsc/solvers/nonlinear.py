@@ -391,6 +391,7 @@ def follow(
     step: float | None = None,
     accepted: Callable[[Increment, np.ndarray], None] | None = None,
     most_cuts: int = 10,
+    path: Path | None = None,
 ) -> list[Increment]:
     """Follow equilibrium from rest through the controls asked for, in order. Collective.
 
@@ -411,48 +412,80 @@ def follow(
         Told each accepted increment and its positions.
     most_cuts : int
         How often a step is halved before giving up.
+    path : Path, optional
+        To go on along, maybe from where it was restored to; by default from rest.
 
     Returns
     -------
     list of Increment
-        All that were accepted.
+        All that were accepted here.
 
     Raises
     ------
     EquilibriumError
         On every rank, with the control reached, the reason and the place.
     """
-    path = Path(equilibrium, drive)
+    path = path or Path(equilibrium, drive)
     done: list[Increment] = []
-    for target in targets:
-        most = abs(target - path.control) if step is None else step
-        allowed = most
+    while path.target < len(targets):
+        target = targets[path.target]
+        before = targets[path.target - 1] if path.target else 0.0
+        most = abs(target - before) if step is None else step
         while path.control != target:
+            allowed = min(most, path.allowed or most)
             gap = target - path.control
             pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9)))
             next_control = target if pieces <= 1 else path.control + gap / pieces
             try:
                 increment = path.advance(next_control)
             except EquilibriumError:
-                allowed = 0.5 * abs(next_control - path.control)
-                if allowed < most * 0.5**most_cuts:
+                path.allowed = 0.5 * abs(next_control - path.control)
+                if path.allowed < most * 0.5**most_cuts:
                     raise
                 continue
+            path.allowed = min(most, 2.0 * allowed) if increment.iterations <= 8 else allowed
             increment.asked = next_control == target
             done.append(increment)
             if accepted is not None:
                 accepted(increment, equilibrium.x)
-            if increment.iterations <= 8:
-                allowed = min(most, 2.0 * allowed)
+        path.target, path.allowed = path.target + 1, None
     return done
 
 
 class Path:
-    """Accepted states along a control, and the guess for the next one."""
+    """Accepted states along a control, and the guess for the next one.
+
+    Attributes
+    ----------
+    states : list of (control, positions (n_local, 2))
+        The last three at most.
+    target : int
+        Number of the value asked for that is being made for.
+    allowed : float or None
+        Largest step, if it is not the usual one.
+    load : float
+        The one reached, N, where loads are asked for.
+    """
 
     def __init__(self, equilibrium: Equilibrium, drive: Drive):
         self.equilibrium, self.drive = equilibrium, drive
         self.states: list[tuple[float, np.ndarray]] = [(0.0, equilibrium.x.copy())]
+        self.target = 0
+        self.allowed: float | None = None
+        self.load = 0.0
+
+    def restore(
+        self,
+        states: list[tuple[float, np.ndarray]],
+        target: int = 0,
+        allowed: float | None = None,
+        load: float = 0.0,
+    ) -> None:
+        """Put attributes, positions, clamps and dead loads as they were. Not collective."""
+        self.states, self.target, self.allowed, self.load = states, target, allowed, load
+        motions, self.equilibrium.load_factor = self.drive(self.control)
+        self.equilibrium.x = states[-1][1].copy()
+        self.equilibrium.model.prescribe(self.equilibrium.x.copy(), motions)
 
     @property
     def control(self) -> float:
