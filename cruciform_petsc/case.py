@@ -449,6 +449,7 @@ class OutputTable(_Table):
     directory: Annotated[str, Field(min_length=1)] = "results"
     pictures: bool = True
     paraview: bool = True
+    exports: bool = False
 
 
 class Case(_Table):

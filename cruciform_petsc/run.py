@@ -498,6 +498,8 @@ def _write(case: Case, result: TestResult, directory: Path) -> None:
             paraview.write_series(
                 directory / "series.vtkhdf", network, result.states, experiment.column
             )
+    if case.output.exports:
+        result.export(directory)
 
 
 def _write_nothing_but_increments(comm, case, directory, stages, progress, failure) -> None:

@@ -2,6 +2,7 @@
 """Yarn directions, thickness and fibre volume fraction for other programs, read back."""
 
 import csv
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,10 @@ from exported import WEIGHED, moved, read_input_file, read_table
 from helpers import PITCH, UNEVEN, l_shape
 from mpi4py import MPI
 
-from cruciform_petsc import BiasExtension, Fabric, InputError, Network, PictureFrame, Preform
+from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, PictureFrame, Preform
 from cruciform_petsc.output.abaqus import weft_angle_deg
 from cruciform_petsc.output.exports import export_state
+from cruciform_petsc.run import run_case
 
 COMM = MPI.COMM_SELF
 HEAVY_UNEVEN = replace(UNEVEN, areal_density=0.3, fibre_density=1780.0, thickness=0.4e-3)
@@ -302,6 +304,23 @@ def test_network_without_cells(tmp_path):
     paths = export_state(tmp_path, moved(network, GRADIENT))
     assert len(read_table(paths[0])["crossover"]) == 1
     assert read_input_file(paths[1]).element == {}
+
+
+@pytest.mark.parametrize("exports", [True, False])
+def test_case_file(tmp_path, exports):
+    """`[output] exports = true` puts both files beside the other results."""
+    case = Case.from_data({
+        "fabric": {"use": "e-glass-plain-2.4", "thickness": "0.5 mm"},
+        "preform": {"outline": {"rectangle": ["24 mm", "36 mm"]}, "bias_angle": "45 deg"},
+        "test": {"extension": ["0.5 mm", "1 mm"]},
+        "output": {"pictures": False, "paraview": False, "exports": exports},
+    })  # fmt: skip
+    run_case(COMM, case, tmp_path, logging.getLogger("test"))
+    files = {path.name for path in tmp_path.iterdir()} & {"crossovers.csv", "preform.inp"}
+    assert len(files) == 2 * exports
+    if exports:
+        assert "extension_mm = 1\n" in (tmp_path / "preform.inp").read_text()
+        assert read_table(tmp_path / "crossovers.csv")["thickness_mm"].min() > 0.4
 
 
 def test_mistakes(tmp_path):
