@@ -298,7 +298,7 @@ class FiniteNetwork:
     def prescribe(self, x: np.ndarray, motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]]):
         """Put prescribed unknowns of positions in place and turn the clamps' held directions.
 
-        Not collective; ghosts are set like owned nodes.
+        Collective: hinges on a clamp may be ghosts here of which the network does not know.
 
         Parameters
         ----------
@@ -318,6 +318,7 @@ class FiniteNetwork:
             gap[~self.fixed[nodes]] = 0.0
             x[nodes] += np.einsum("nji,nj->ni", self.frame[nodes], gap)
             self._clamp_gradient[network_nodes] = rotation @ gradient @ rotation.T
+        self.nodes.exchange.forward(x)
         crossing = self.cruciforms.held_node
         rows = self.cruciforms.held_rows
         directions = self.network.arm_directions
