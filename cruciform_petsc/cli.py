@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command line: `cruciform-petsc run|check CASE`, `cruciform-petsc fabrics`.
+"""The command line: `cruciform-petsc run|check|calibrate CASE`, `cruciform-petsc fabrics`.
 
 Modules that import PETSc are imported only after `petsc4py.init` has had the PETSc options.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "cruciform-petsc"
 
-_WITH_VALUE = ("--set", "--output")
+_WITH_VALUE = ("--set", "--output", "--data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -151,12 +151,17 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str]) -> None:
         from .run import check_case
 
         check_case(comm, case, log)
+        return
+    if args.output is not None:
+        output = case.output.model_copy(update={"directory": args.output})
+        case = case.model_copy(update={"output": output})
+    directory = prepare_directory(comm, case.output.directory)
+    _start_petsc(petsc_options)
+    if args.command == "calibrate":
+        from .calibrate import calibrate_case
+
+        calibrate_case(comm, case, args.data, directory, log)
     else:
-        if args.output is not None:
-            output = case.output.model_copy(update={"directory": args.output})
-            case = case.model_copy(update={"output": output})
-        directory = prepare_directory(comm, case.output.directory)
-        _start_petsc(petsc_options)
         from .run import run_case
 
         run_case(comm, case, directory, log)
@@ -251,13 +256,41 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    epilog = "Options with one dash after CASE go to PETSc: -ksp_monitor, -log_view ..."
-    for command, text in (
-        ("run", "solve a case and write results"),
-        ("check", "read a case and report sizes, solve nothing"),
+    for command, text, example in (
+        (
+            "run",
+            "solve a case and write results",
+            "mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2",
+        ),
+        (
+            "check",
+            "read a case and report sizes, solve nothing",
+            "cruciform-petsc check demos/picture_frame.toml",
+        ),
+        (
+            "calibrate",
+            "find the shear law of a case's fabric from a measured load curve",
+            "cruciform-petsc calibrate demos/calibrate_glass_pp.toml "
+            "--data demos/glass_pp_bias.csv",
+        ),
     ):
-        sub = commands.add_parser(command, help=text, epilog=epilog, allow_abbrev=False)
+        sub = commands.add_parser(
+            command,
+            help=text,
+            description=f"{text[:1].upper()}{text[1:]}.",
+            epilog=f"Example: {example}\n"
+            "Options with one dash after CASE go to PETSc: -cruciform_ksp_monitor, -log_view ...",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
         sub.add_argument("case", metavar="CASE", help="the case file (TOML)")
+        if command == "calibrate":
+            sub.add_argument(
+                "--data",
+                metavar="FILE",
+                required=True,
+                help="the measured curve: CSV of displacement and force, units in the header",
+            )
         sub.add_argument(
             "--set",
             action="append",
@@ -265,12 +298,18 @@ def _parser() -> _Parser:
             metavar="KEY=VALUE",
             help="replace a value of the case: --set preform.refine=4",
         )
-        if command == "run":
+        if command != "check":
             sub.add_argument("--output", metavar="DIR", help="replaces output.directory")
         loudness = sub.add_mutually_exclusive_group()
         loudness.add_argument("--quiet", action="store_true", help="log warnings only")
         loudness.add_argument("--verbose", action="store_true", help="log more")
-    commands.add_parser("fabrics", help="list the library of fabrics", allow_abbrev=False)
+    commands.add_parser(
+        "fabrics",
+        help="list the library of fabrics",
+        description="List the library of fabrics.",
+        epilog="Example: cruciform-petsc fabrics",
+        allow_abbrev=False,
+    )
     return parser
 
 
@@ -304,7 +343,10 @@ def fabric_table() -> str:
             for yarns in (fabric.warp, fabric.weft)
         ]
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        rows.append([name, *both, format_si(fabric.shear_modulus, "N/m"), fabric.source])
+        shear = format_si(fabric.shear_modulus, "N/m")
+        if fabric.shear.name != "linear":
+            shear += f" at rest, {fabric.shear.name}"
+        rows.append([name, *both, shear, fabric.source])
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

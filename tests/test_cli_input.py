@@ -259,6 +259,47 @@ def test_loudness(drive, option, lines):
     assert drive(0, body, option).stdout.split() == lines
 
 
+def test_calibrate_gets_its_data(tmp_path, case):
+    """Case, data, folder and PETSc options arrive; without data one sentence."""
+    script = tmp_path / "calibrate.py"
+    script.write_text(CALIBRATE)
+    folder = tmp_path / "law"
+    given = ("--data", "curve.csv", "--output", folder, "-ksp_type", "cg")
+    result = launch(2, script, "calibrate", case, *given)
+    assert result.returncode == 0, result.stderr
+    assert sorted(re.findall(r"calibrate (\d) (\S+) (\S+)", result.stdout)) == [
+        ("0", "curve.csv", str(folder)),
+        ("1", "curve.csv", str(folder)),
+    ]
+    message = "the following arguments are required: --data"
+    assert_refused(cruciform_petsc(0, "calibrate", case), message)
+    result = cruciform_petsc(0, "run", case, "--data", "curve.csv")
+    assert_refused(result, "unrecognized arguments: --data curve.csv")
+
+
+CALIBRATE = """
+import sys, types
+from petsc4py import PETSc
+
+def calibrate_case(comm, case, data_path, directory, log):
+    assert PETSc.Options().getAll()["ksp_type"] == "cg" and directory.is_dir()
+    print(f"calibrate {comm.rank} {data_path} {directory}\\n", end="", flush=True)
+
+module = types.ModuleType("cruciform_petsc.calibrate")
+module.calibrate_case = calibrate_case
+sys.modules["cruciform_petsc.calibrate"] = module
+from cruciform_petsc.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_help_has_examples():
+    for command in ("run", "check", "calibrate", "fabrics"):
+        result = cruciform_petsc(0, command, "--help")
+        assert result.returncode == 0
+        assert re.search(rf"Example: .*cruciform-petsc {command}", result.stdout)
+
+
 def test_check(drive):
     """`check` runs on every rank and makes no folder."""
     result = drive(2, "pass", "--set", "preform.refine=2", command="check")
@@ -371,8 +412,8 @@ def test_split_arguments(line, own, petsc):
         ("run c --verbos", 'there is no option "--verbos", did you mean "--verbose"?'),
         (
             "run c --ksp_type cg",
-            'there is no option "--ksp_type" (known: --set, --output, --quiet, --verbose, --help, '
-            "--version; PETSc options begin with one dash)",
+            'there is no option "--ksp_type" (known: --set, --output, --data, --quiet, --verbose, '
+            "--help, --version; PETSc options begin with one dash)",
         ),
         (
             "run c -ksp_rtol=1e-3",
