@@ -196,7 +196,10 @@ class Checkpoint:
 
     def _adopt(self, path: Path, header: dict[str, Any]) -> None:
         """Take over what a file's header says, if it is of this case."""
-        differing = _differences(header["determines"], determines(self.case))
+        told = header.get("determines")
+        if not isinstance(told, dict):
+            raise _senseless(path)
+        differing = _differences(told, determines(self.case))
         if differing:
             shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
             raise InputError(
@@ -219,7 +222,7 @@ class Checkpoint:
         except (KeyError, TypeError, ValueError):
             good = False
         if not good:
-            raise DamagedError(f'"{path}" is damaged: its header makes no sense')
+            raise _senseless(path)
         self._header, self._source = header, path
 
     # -- reading ----------------------------------------------------------------------------------
@@ -313,7 +316,7 @@ class Checkpoint:
         InputError
             On every rank: the place cannot be written to. The last good checkpoint is still there.
         """
-        asked = sum(increment.asked for increment in increments)
+        asked = sum(bool(increment.asked) for increment in increments)
         if asked > len(self._states):
             name = f"state-{asked}"
             control, x = path.states[-1]
@@ -504,8 +507,12 @@ def _increment(data: dict[str, Any]) -> Increment:
 def _case_of(path: Path, header: dict[str, Any]) -> Case:
     try:
         return Case.from_data(header["case"])
-    except (InputError, KeyError) as error:
-        raise DamagedError(f'"{path}" is damaged: its case is none ({error})') from None
+    except (InputError, KeyError):
+        raise _senseless(path) from None
+
+
+def _senseless(path: Path) -> DamagedError:
+    return DamagedError(f'"{path}" is damaged: its header makes no sense')
 
 
 # -- sealed files ---------------------------------------------------------------------------------
@@ -581,10 +588,10 @@ def _read_header(path: Path) -> dict[str, Any]:
             f"or {ANEW}"
         )
     try:
-        header = json.loads(line)
+        header = dict(json.loads(line))
         program = header["program"]
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise DamagedError(f'"{path}" is damaged: its header makes no sense') from None
+        raise _senseless(path) from None
     if program != __version__:
         raise InputError(
             f'"{path}" was written by cruciform_petsc {program}, and this is {__version__}: '
