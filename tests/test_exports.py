@@ -157,6 +157,9 @@ def test_which_cells(tmp_path):
     assert elements(between(0.5, 0.5, 0.2, 0.2)) == whole
     assert elements(between(1.0, 0.5, 0.2, 0.2)) == whole[2:]
     assert elements(between(1.0, 1.0, 0.2, 0.2)) == [[1, 2, 4], [2, 3, 5], [4, 7, 6], [5, 8, 7]]
+    # A triangle needs both legs.
+    holes = between(1.0, 1.0, 0.2, 0.2), between(0.5, 0.0, 0.2, 0.2)
+    assert elements(*holes) == [[2, 3, 5], [4, 7, 6], [5, 8, 7]]
 
 
 def test_picture_frame(tmp_path):
@@ -274,6 +277,22 @@ def test_crossovers_that_carry_nothing(tmp_path):
     assert table["carrying"].tolist() == [1.0] * 8 + [0.0]
     assert all(9 not in corner for corner in deck.element.values())
     assert len(deck.element) == 3
+
+
+def test_directions_are_means_over_the_quadrants_that_carry(tmp_path):
+    """As the shear angle is; here but one quadrant carries, between arms 1 and 2, then 2 and 3."""
+    network = square(2)
+    result = moved(network, np.eye(2))
+    turn = np.deg2rad([10.0, 2.0, 30.0, 4.0])
+    for row, quadrant in ((0, 0), (1, 1)):
+        result.supports.quadrant_area[row] = np.eye(4)[quadrant]
+        result.fields["arm_rotation"][network.boundary_crossovers[row]] = turn
+    table = read_table(result.export(tmp_path)[0])
+    for row, warp in ((0, 10.0), (1, 30.0)):
+        k = network.boundary_crossovers[row]
+        angle = np.rad2deg(np.arctan2(table["warp_y"][k], table["warp_x"][k]))
+        assert angle == pytest.approx(warp, rel=1e-8)
+        assert table["shear_deg"][k] == pytest.approx(warp - 2.0, rel=1e-8)
 
 
 def test_small_displacements(tmp_path):

@@ -91,15 +91,15 @@ def yarn_rotations(result: TestResult, state: State) -> np.ndarray:
     """Rotations of warp and weft from rest at this rank's crossovers, radians; (n_owned, 2).
 
     Collective when the state's fields are first asked for. Means over the quadrants as those of
-    the fields: their difference is the shear angle. Crossovers that carry nothing turn with their
-    arms.
+    the fields: their difference is the shear angle. Crossovers whose fields are none, because they
+    carry nothing, turn with their arms.
     """
     network, supports, fields = result.network, result.supports, state.fields
     area = network.quadrant_area.copy()
     area[network.boundary_crossovers] = supports.quadrant_area
     share = area / np.maximum(area.sum(axis=1, keepdims=True), 1e-300)
     rotation = np.einsum("nq,nqf->nf", share, fields["arm_rotation"][:, QUADRANTS])
-    loose = np.flatnonzero(~supports.carrying)
+    loose = np.flatnonzero(~supports.carrying | (area.sum(axis=1) == 0.0))
     if len(loose):
         frame = network.preform.rotation
         moved = state.node_displacement[network.arm_node[loose]]
