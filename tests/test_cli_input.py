@@ -4,6 +4,7 @@
 mpi4py must not be imported here: this process starts mpirun and is no rank itself.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -427,3 +428,30 @@ def test_slips_in_options(line, message):
     with pytest.raises(InputError) as caught:
         split_arguments(line.split())
     assert str(caught.value) == message
+
+
+# -- a test that ends early ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ranks", [0, 2])
+def test_impossible_extension(case, tmp_path, ranks):
+    """One sentence that says where it ended, exit code 2, and what was reached on disk."""
+    given = {"finite": "true", "extension": '["-2 mm", "-40 mm"]'}
+    options = [word for key, value in given.items() for word in ("--set", f"test.{key}={value}")]
+    options += ["--set", "output.pictures=false", "--output", tmp_path / "out"]
+    result = cruciform_petsc(ranks, "run", case, *options)
+    assert result.returncode == 2, result.stderr
+    (sentence,) = sentences(result)
+    assert re.match(
+        r"bias-extension: no equilibrium beyond the last one found, at extension -\d.* mm, load "
+        r"-\d.* N .*; forces are farthest from balance at x = .* mm, y = .* mm\. ",
+        sentence,
+    )
+    assert "Traceback" not in result.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["ended_early"] == sentence
+    assert summary["extension_m"][0] == -2e-3
+    rows = (tmp_path / "out" / "increments.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(summary["increments"])
+    for name in ("curve.csv", "network.vtkhdf"):
+        assert (tmp_path / "out" / name).stat().st_size > 40
