@@ -28,6 +28,7 @@ FINITE = {
     "sin_potential": ("load_n", 11.20169),
 }
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
+WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
     "title", "ranks", "crossovers", "dofs", "load_n", "extension_m", "shear_centre_deg",
     "shear_max_deg", "energy_j", "solver", "wall_s", "peak_mib_per_rank",
@@ -48,7 +49,8 @@ def run(demo, ranks, folder, *options):
 def on_one_and_two(demo, tmp_path):
     """Run it on one rank with all that it shows, and on two the network alone; compare that."""
     alone = run(demo, 1, tmp_path / "1")
-    bare = ("--set", "output.pictures=false", "--set", "continuum={}")
+    whole = demo in WHOLE_ON_TWO
+    bare = () if whole else ("--set", "output.pictures=false", "--set", "continuum={}")
     both = run(demo, 2, tmp_path / "2", *bare)
     assert set(alone) >= KEYS
     assert (alone["ranks"], both["ranks"]) == (1, 2)
@@ -60,7 +62,11 @@ def on_one_and_two(demo, tmp_path):
     for folder in ("1", "2"):
         for name in ("network.vtkhdf", "curve.csv"):
             assert (tmp_path / folder / name).stat().st_size > 40
-    assert list((tmp_path / "2").glob("*.png")) == []
+    names = [{path.name for path in (tmp_path / rank).glob("*.png")} for rank in ("1", "2")]
+    assert names[1] == (names[0] if whole else set())
+    if whole and "continuum" in alone:
+        ratio = alone["continuum"]["load_ratio"]
+        assert both["continuum"]["load_ratio"] == pytest.approx(ratio, rel=1e-6)
     return alone
 
 
@@ -107,7 +113,7 @@ def test_finite(demo, tmp_path):
     assert asked == pytest.approx(alone["load_n"], rel=1e-12)
     assert all(step["residual_n"] <= step["tolerance_n"] for step in alone["increments"])
     if demo == "sin_potential":  # 561 crossovers: of first order in the pitch
-        assert alone["continuum"]["load_ratio"] == pytest.approx([1.0] * 5, abs=0.03)
+        assert alone["continuum"]["load_ratio"] == pytest.approx([1.0] * 5, abs=0.05)
     pictures = {path.name for path in (tmp_path / "1").glob("*.png")}
     assert {"yarns.png", "energy.png"} < pictures
     assert len([name for name in pictures if "_against_" in name]) == 1
