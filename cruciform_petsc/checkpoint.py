@@ -28,7 +28,7 @@ import os
 import shlex
 import shutil
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -39,12 +39,12 @@ import numpy as np
 from . import __version__
 from .case import Case, on_root
 from .errors import InputError
-from .solvers.nonlinear import Increment
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
     from .finite import FiniteNetwork
+    from .solvers.nonlinear import Increment
     from .solvers.nonlinear import Path as SolutionPath
 
 T = TypeVar("T")
@@ -415,12 +415,58 @@ class Checkpoint:
             new.unlink(missing_ok=True)
         return hint(self.directory, self.comm.size)
 
+    def hint(self) -> str:
+        """How to go on with it, a sentence; "" if it cannot be."""
+        return on_root(self.comm, lambda: hint(self.directory, self.comm.size))
+
     def remove(self) -> None:
         """Remove it, as the results are there. Problems are not worth a word then."""
         if self.comm.rank == 0:
             shutil.rmtree(self.folder, ignore_errors=True)
             shutil.rmtree(self.directory / PUT_ASIDE, ignore_errors=True)
         self.comm.barrier()
+
+
+def reopen(
+    comm: MPI.Intracomm,
+    target: str | Path,
+    overrides: Sequence[str] = (),
+    output: str | None = None,
+) -> Checkpoint:
+    """Open what ``cruciform-petsc resume TARGET`` is to go on with. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    target : str or Path
+        The folder of the results, or the case file that tells it.
+    overrides, output
+        Of a case file, as for ``cruciform-petsc run``.
+
+    Raises
+    ------
+    InputError
+        On every rank: see `Checkpoint.resume`.
+    """
+    if on_root(comm, lambda: Path(target).is_dir()):
+        if overrides or output is not None:
+            raise InputError(
+                f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
+                "case file: cruciform-petsc resume CASE"
+            )
+        return Checkpoint.resume(comm, target)
+    case = Case.load_collective(comm, target, overrides)
+    directory = Path(case.output.directory if output is None else output)
+    if not case.test.finite:
+        raise InputError(
+            "a test at small displacements is one system of equations and has no checkpoints, "
+            f"{ANEW} {target}"
+        )
+    if on_root(comm, lambda: not _is_there(directory) and not _is_finished(directory)):
+        checkpoint = Checkpoint.begin(comm, directory, case)
+        checkpoint.notes.append(f'nothing was reached in "{directory}" yet, so it begins at rest')
+        return checkpoint
+    return Checkpoint.resume(comm, directory, case)
 
 
 def hint(directory: str | Path, ranks: int = 1) -> str:
@@ -430,11 +476,13 @@ def hint(directory: str | Path, ranks: int = 1) -> str:
     """
     if not _is_there(directory):
         return ""
+    return f"what was reached is kept, continue with: {resume_command(directory, ranks)}"
+
+
+def resume_command(directory: str | Path, ranks: int = 1) -> str:
+    """What to type to go on with the run whose results are in a folder."""
     launcher = f"mpirun -n {ranks} " if ranks > 1 else ""
-    return (
-        "what was reached is kept, continue with: "
-        f"{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
-    )
+    return f"{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
 
 
 # -- what determines a run ------------------------------------------------------------------------
@@ -491,6 +539,8 @@ def _plain(increment: Increment) -> dict[str, Any]:
 
 
 def _increment(data: dict[str, Any]) -> Increment:
+    from .solvers.nonlinear import Increment  # starts PETSc
+
     kinds: dict[str, Callable] = {"float": float, "int": int, "bool": bool}
     values = {
         field.name: kinds[str(field.type)](data[field.name])
@@ -641,8 +691,13 @@ def _is_there(directory: str | Path) -> bool:
     return any((Path(directory) / FOLDER / name).exists() for name in (NEWEST, PREVIOUS))
 
 
+def _is_finished(directory: Path) -> bool:
+    """Whether results are there; a summary may be of a run before the one that was interrupted."""
+    return (directory / "summary.json").exists() and not (directory / FOLDER).exists()
+
+
 def _nothing_there(directory: Path) -> str:
-    if (directory / "summary.json").exists():
+    if _is_finished(directory):
         return f'the run in "{directory}" is finished, there is nothing to resume'
     return (
         f'there is no checkpoint in "{directory}": nothing was reached there yet, or it is not the '
