@@ -540,7 +540,7 @@ def test_off_axis_modulus():
     error = []
     for refine in (1, 2, 4):
         strip = Preform.rectangle(0.03, 0.09, "30 deg", refine=refine)
-        test = OffAxisTension(network(strip, fabric), 1e-4, ends="free", finite=True, bending=False)
+        test = OffAxisTension(network(strip, fabric), 1e-6, ends="free", finite=True, bending=False)
         figures = test.figures(test.solve())
         assert figures["kilby_n_per_cm"] == pytest.approx(
             0.01 / (
@@ -797,13 +797,42 @@ def test_what_cannot_be_solved(bending, monkeypatch):
     assert f"x = {1e3 * x:.6g} mm, y = {1e3 * y:.6g} mm" in message
     assert abs(x) <= 2 * DIAGONAL
     assert 0 <= y <= 8 * DIAGONAL
-    np.testing.assert_allclose(result.controls, [0.002, 0.005])
+    # The values that were reached, and as far as it came.
+    np.testing.assert_allclose(result.controls, [0.002, 0.005, last.control])
     assert result.loads[1] > result.loads[0] > 0
-    assert len(result.curve()["load_N"]) == 2
+    assert len(result.curve()["load_N"]) == 3
     # The fields are those of the states reached, not of the attempts after them.
     good = pulled(diagonals(4, 8), ["2 mm", "5 mm"], FALLING, bending)
-    np.testing.assert_allclose(result.loads, good.loads, rtol=1e-7)
-    np.testing.assert_allclose(result.fields["shear_angle"], good.fields["shear_angle"], atol=1e-7)
+    np.testing.assert_allclose(result.loads[:2], good.loads, rtol=1e-7)
+    np.testing.assert_allclose(
+        result.states[1].fields["shear_angle"], good.fields["shear_angle"], atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("control", ["extension", "load"])
+def test_values_asked_for_twice_or_at_rest(control):
+    """Each value asked for is a state: also nought, the same again, and the way back to nought."""
+    values = {"extension": ["0 mm", "1 mm", "1 mm", "0 mm"], "load": ["0 N", "1 N", "1 N", "0 N"]}
+    test = BiasExtension(network(diagonals(4, 6)), **{control: values[control]}, finite=True)
+    result = test.solve()
+    assert len(result.states) == 4
+    assert abs(result.loads[[0, 3]]).max() < 1e-7 * result.loads[1]
+    assert result.loads[2] == pytest.approx(result.loads[1], rel=1e-8)
+    assert result.extensions[1] == pytest.approx(result.extensions[2], rel=1e-8)
+
+
+def test_cloth_does_not_fold():
+    """A law that lets go beyond 50 degrees would let warp and weft pass each other."""
+    model = Model(diagonals(4, 6)).finite
+    place = model.rest.copy()
+    assert model.most_sheared(place) is None
+    hinge = int(np.argmin(np.hypot(*(model.network.crossover_position - [0, 3 * DIAGONAL]).T)))
+    ends = model.nodes.of_network_node[model.network.arm_node[hinge]]
+    middle = place[model.nodes.of_hinge[hinge]]
+    for arm, other in ((0, 1), (2, 3)):  # the weft's arms, turned across the warp's
+        place[ends[other]] = middle + (place[ends[arm]] - middle) @ turned(0.1)
+    found = model.most_sheared(place)
+    np.testing.assert_allclose(found, model.network.crossover_position[hinge])
 
 
 def test_every_accepted_increment_is_told(monkeypatch):

@@ -270,6 +270,7 @@ class Experiment:
         equilibrium = Equilibrium(model, self.options)
         states: list[State] = []
         done: list[Increment] = []
+        last: list[State] = []  # whether asked for or not
 
         def drive(control: float):
             return self._motions(grips, control), self.load_factor(control)
@@ -280,6 +281,7 @@ class Experiment:
             state = self._state(model, equilibrium, grips, increment.control)
             increment.load = state.load
             done.append(increment)
+            last[:] = [state]
             if increment.asked:
                 states.append(state)
             if checkpoint is not None:
@@ -314,6 +316,8 @@ class Experiment:
             equilibrium.destroy()
             if isinstance(error, EquilibriumError):
                 self._explain(error, done)
+                if last and (not states or states[-1] is not last[0]):
+                    states.append(last[0])  # how far it came
                 error.result = result() if states else None
             raise
         equilibrium.destroy()
@@ -365,7 +369,8 @@ class Experiment:
             step_limit = abs(target - load) if self.increments is None else (
                 float(np.abs(self.values).max()) / self.increments
             )  # fmt: skip
-            while load != target:
+            reached = False
+            while not reached:  # once at least: a load asked for twice is two states
                 gap = target - load
                 goal = target if abs(gap) <= step_limit * (1 + 1e-9) else (
                     load + np.sign(gap) * step_limit
@@ -388,17 +393,17 @@ class Experiment:
                     iterations += increment.iterations
                     seconds += increment.seconds
                     load = self._state(model, equilibrium, grips, control).load
-                    if abs(load - goal) <= LOAD_TOLERANCE * abs(goal):
+                    if abs(load - goal) <= LOAD_TOLERANCE * np.abs(self.values).max():
                         break
                 else:
                     raise EquilibriumError(
                         f"the load {format_si(goal, 'N')} is not reached", "MAX_IT", []
                     )
                 load = path.load = float(goal)
-                increment.asked = goal == target
+                reached = increment.asked = bool(goal == target)
                 increment.iterations, increment.seconds = iterations, seconds
+                path.target += int(reached)
                 accepted(increment, equilibrium.x)
-            path.target += 1
 
     def _load_slope(self, model, equilibrium, grips, control) -> tuple[float, np.ndarray]:
         """Change of the load, and of all places, per change of the control. Collective."""

@@ -188,8 +188,9 @@ class Equilibrium:
 
     def _tolerance(self) -> float:
         """What residual is called none, N."""
-        return RELATIVE_RESIDUAL * self._support + ROUNDING * self.model.typical_stiffness * (
-            self._extent * np.sqrt(self._vector.getSize())
+        self._matrix.getDiagonal(self._diagonal)
+        return RELATIVE_RESIDUAL * self._support + (
+            ROUNDING * self._extent * self._diagonal.norm()
         )
 
     def _converged(self, snes, iteration, norms):
@@ -316,6 +317,12 @@ class Equilibrium:
             raise EquilibriumError(
                 "no equilibrium found", _reason_name(reason), self._history, self._worst(x)
             )
+        folded = self.model.most_sheared(x)
+        if folded is not None:
+            raise EquilibriumError(
+                "the cloth folds onto itself: warp and weft pass each other", "FOLDED",
+                self._history, folded,
+            )  # fmt: skip
         _, energies, _ = self._evaluate(self._vector)
         self.x = x
         return Increment(
@@ -431,24 +438,26 @@ def follow(
         target = targets[path.target]
         before = targets[path.target - 1] if path.target else 0.0
         most = abs(target - before) if step is None else step
-        while path.control != target:
+        reached = False
+        while not reached:  # once at least: a value asked for twice is two states
             allowed = min(most, path.allowed or most)
             gap = target - path.control
-            pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9)))
+            pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9))) if gap else 1
             next_control = target if pieces <= 1 else path.control + gap / pieces
             try:
                 increment = path.advance(next_control)
             except EquilibriumError:
                 path.allowed = 0.5 * abs(next_control - path.control)
-                if path.allowed < most * 0.5**most_cuts:
+                if path.allowed <= most * 0.5**most_cuts:
                     raise
                 continue
             path.allowed = min(most, 2.0 * allowed) if increment.iterations <= 8 else allowed
-            increment.asked = next_control == target
+            reached = increment.asked = next_control == target
+            if reached:
+                path.target, path.allowed = path.target + 1, None
             done.append(increment)
             if accepted is not None:
                 accepted(increment, equilibrium.x)
-        path.target, path.allowed = path.target + 1, None
     return done
 
 
@@ -481,7 +490,7 @@ class Path:
         allowed: float | None = None,
         load: float = 0.0,
     ) -> None:
-        """Put attributes, positions, clamps and dead loads as they were. Not collective."""
+        """Put attributes, positions, clamps and dead loads as they were. Collective."""
         self.states, self.target, self.allowed, self.load = states, target, allowed, load
         motions, self.equilibrium.load_factor = self.drive(self.control)
         self.equilibrium.x = states[-1][1].copy()
