@@ -278,7 +278,7 @@ def test_what_cannot_be_solved(monkeypatch):
     alone, error = errors
     told = COMM.allgather((str(error), error.reason, error.place.tolist(), error.history))
     assert all(one == told[0] for one in told)
-    np.testing.assert_allclose(error.result.controls, [0.002, 0.0035])
+    np.testing.assert_allclose(error.result.controls[:2], [0.002, 0.0035])
     np.testing.assert_allclose(error.result.loads, alone.result.loads, rtol=1e-8)
 
 
