@@ -21,7 +21,7 @@ SMALL = {
 FINITE = {
     "biaxial": ("load_n", 819.5),
     "cantilever": ("tip_across_mm", 40.36514),
-    "finite_bias_extension": ("load_n", 13.65721),
+    "finite_bias_extension": ("load_n", 8.568834),
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
