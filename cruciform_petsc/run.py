@@ -207,6 +207,8 @@ def run_case(
         log.info("           %d crossovers hang on by one arm end and carry no load", hanging)
 
     summary = _summary(case, result, statistics, hanging)
+    if checkpoint is not None and checkpoint.increments:
+        summary["resumed_after_increments"] = len(checkpoint.increments)
     summary["warnings"] = warnings(result)
     for sentence in summary["warnings"]:
         log.warning("warning       %s", sentence)

@@ -3,6 +3,7 @@
 
 import json
 import pickle
+import pkgutil
 import resource
 import shutil
 from hashlib import sha256
@@ -364,6 +365,50 @@ def test_begin_puts_an_unfinished_run_aside(copy):
     assert (copy / "checkpoint.old" / "newest").read_bytes() == good
     checkpoint.remove()
     assert list(copy.iterdir()) == []
+
+
+STEPS = [
+    "cruciform_petsc.checkpoint._allocate",
+    "cruciform_petsc.checkpoint._digest",
+    "cruciform_petsc.checkpoint._rows",
+    "cruciform_petsc.checkpoint._sync_folder",
+    "os.fsync",
+    "pathlib.Path.replace",
+]
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_killed_at_each_step_of_writing(killed, tmp_path, step, undisturbed, monkeypatch):
+    """Before and after each thing that is done to a file, that of a state among them."""
+    do = pkgutil.resolve_name(step)
+    for call in (1, 2, 3):
+        for after in (False, True):
+            folder = tmp_path / f"{call}-{after}"
+            shutil.copytree(killed, folder)
+            checkpoint = Checkpoint.resume(COMM, folder)
+            restore, calls = checkpoint.restore, []
+
+            def dying(*arguments, calls=calls, call=call, after=after):
+                calls.append(arguments)
+                if len(calls) == call and not after:
+                    raise Stop
+                result = do(*arguments)
+                if len(calls) == call:
+                    raise Stop
+                return result
+
+            def restoring(model, restore=restore, dying=dying):
+                kept = restore(model)  # reads, and is not what is looked at
+                monkeypatch.setattr(step, dying)
+                return kept
+
+            monkeypatch.setattr(checkpoint, "restore", restoring)
+            assert solve(case_of(), checkpoint) is None
+            monkeypatch.undo()
+            checkpoint = Checkpoint.resume(COMM, folder)
+            assert checkpoint.notes == []
+            assert len(checkpoint.increments) >= 6
+            curves_agree(solve(case_of(), checkpoint), undisturbed)
 
 
 @pytest.mark.parametrize("room", [0, 100, 3000, 12000])

@@ -6,6 +6,7 @@ mpi4py must not be imported here: this process starts mpirun and is no rank itse
 
 import csv
 import fcntl
+import json
 import os
 import signal
 import subprocess
@@ -95,6 +96,7 @@ def test_resumed_by_the_folder(case, tmp_path, wanted):
     assert result.returncode == 0, result.stderr
     assert "going on from extension" in result.stdout
     assert not (out / "checkpoint").exists()
+    assert json.loads((out / "summary.json").read_text())["resumed_after_increments"] >= 5
     found = curve(out)
     assert len(found) == len(wanted) == 2
     for row, row_wanted in zip(found, wanted, strict=True):
