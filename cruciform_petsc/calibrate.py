@@ -97,13 +97,14 @@ def calibrate_case(
         found.iterations, found.evaluations, found.newton_steps, found.seconds, found.message,
     )  # fmt: skip
     log.info("law           angle      psi'           standard error")
-    for angle, value, error, known in zip(
-        found.angles, found.values, found.standard_errors, found.determined, strict=True
-    ):
+    for angle, value, error, known, depends in zip(
+        found.angles, found.values, found.standard_errors, found.determined, found.dependent,
+        strict=True,
+    ):  # fmt: skip
         log.info(
             "              %5.1f deg  %.4g N/mm  %5.1f %%%s",
             np.rad2deg(angle), 1e-3 * value, 100.0 * error / value,
-            "" if known else "  not determined",
+            "  not determined" if not known else "  depends on what was assumed" if depends else "",
         )  # fmt: skip
     for remark in found.remarks():
         log.info("              %s", remark)

@@ -188,6 +188,9 @@ class FabricTable(_Table):
     weft: YarnTable | None = None
     shear: ShearTable | None = None
     tension: TensionTable | None = None
+    areal_density: Annotated[str, _quantity("kg/m**2")] | None = None
+    thickness: Annotated[str, _quantity("m")] | None = None
+    fibre_density: Annotated[str, _quantity("kg/m**3")] | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> FabricTable:
@@ -195,7 +198,8 @@ class FabricTable(_Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear and tension may stand)"
+                "(beside use only shear, tension, areal_density, thickness and fibre_density may "
+                "stand)"
             )
         missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
         if self.use is None and missing:
@@ -445,6 +449,7 @@ class OutputTable(_Table):
     directory: Annotated[str, Field(min_length=1)] = "results"
     pictures: bool = True
     paraview: bool = True
+    exports: bool = False
 
 
 class Case(_Table):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command line: `cruciform-petsc run|check CASE`, `cruciform-petsc fabrics`.
+"""The command line: `cruciform-petsc run|check|calibrate|resume CASE`, `cruciform-petsc fabrics`.
 
 Modules that import PETSc are imported only after `petsc4py.init` has had the PETSc options.
 """
@@ -12,11 +12,14 @@ import importlib
 import io
 import logging
 import re
+import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from .case import Case
@@ -30,19 +33,22 @@ if TYPE_CHECKING:
 
 PROGRAM = "cruciform-petsc"
 
-_WITH_VALUE = ("--set", "--output")
+_WITH_VALUE = ("--set", "--output", "--data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
 # How long a rank that stopped with a sentence waits for the others to stop with it.
 _PATIENCE = 5.0
 
+# Interrupts so far.
+_signals: list[int] = []
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code.
 
     Collective over COMM_WORLD. 0: done; 2: the user's doing, told in one sentence on stderr;
-    1: a fault of the program, told with a traceback; 130: interrupted.
+    1: a fault of the program, told with a traceback; 130 or 143: interrupted or terminated.
 
     Parameters
     ----------
@@ -52,10 +58,42 @@ def main(argv: Sequence[str] | None = None) -> int:
     from mpi4py import MPI
 
     arguments = sys.argv[1:] if argv is None else list(argv)
-    return guarded(MPI.COMM_WORLD, lambda: _run(MPI.COMM_WORLD, arguments))
+    comm = MPI.COMM_WORLD
+    running: list[Path] = []
+
+    def hint() -> str:
+        from .checkpoint import hint
+
+        return hint(running[-1], comm.size) if running else ""
+
+    return guarded(comm, lambda: _run(comm, arguments, running), hint)
 
 
-def guarded(comm: MPI.Intracomm, work: Callable[[], None]) -> int:
+@contextlib.contextmanager
+def _noting_signals() -> Iterator[None]:
+    """Let SIGTERM, which queues send, do what Ctrl-C does, and note both in ``_signals``."""
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        _signals.append(number)
+        raise KeyboardInterrupt
+
+    _signals.clear()
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # Not where they are ignored (nohup) or not Python's, nor outside the main thread.
+        if signal.getsignal(number) not in (signal.SIG_IGN, None):
+            with contextlib.suppress(ValueError):
+                before[number] = signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def guarded(
+    comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], str] | None = None
+) -> int:
     """Do collective work and turn what it raises into one message and an exit code.
 
     However the ranks fail, none is left waiting for another:
@@ -64,13 +102,16 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None]) -> int:
       the sentence, all return 2.
     - Some raise a CruciformError while others wait for them: after a few seconds one prints the
       sentence and aborts all with 2.
-    - Any other exception on any rank: traceback, all aborted with 1 (130 for an interrupt).
+    - An interrupt on any rank: a sentence, all aborted with 130 (143 for a SIGTERM).
+    - Any other exception on any rank: traceback, all aborted with 1.
 
     Parameters
     ----------
     comm : mpi4py communicator
     work : callable
         Called without arguments on every rank.
+    hint : callable, optional
+        Tells how to go on after an interrupt; on one rank.
 
     Returns
     -------
@@ -80,16 +121,31 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None]) -> int:
     control = comm.Dup()  # agreement must not mix with messages of the work
     failure: CruciformError | None = None
     try:
-        work()
+        with _noting_signals():
+            work()
     except CruciformError as error:
         failure = error
     except KeyboardInterrupt:
-        return _abort(control, 130)
+        return _interrupted(control, hint)
     except Exception:
+        if _signals:  # an interrupt on its way through PETSc
+            return _interrupted(control, hint)
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
         print(text, file=sys.stderr, flush=True)
         return _abort(control, 1)
     return _agree(control, failure)
+
+
+def _interrupted(control: MPI.Intracomm, hint: Callable[[], str] | None) -> int:
+    """Say how to go on, and end all ranks."""
+    number = _signals[0] if _signals else signal.SIGINT
+    with contextlib.suppress(ValueError):  # not in the main thread
+        signal.signal(number, signal.SIG_IGN)
+    if control.rank:
+        time.sleep(0.5)  # rank 0 speaks if it is interrupted, too, and takes the others along
+    told = hint() if hint is not None else ""
+    _say(f"interrupted{'; ' if told else ''}{told}")
+    return _abort(control, 128 + number)
 
 
 def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
@@ -118,7 +174,7 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
     return 2 if failed else 0
 
 
-def _say(failure: CruciformError) -> None:
+def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
     print(f"{PROGRAM}: {' '.join(str(failure).split())}", file=sys.stderr, flush=True)
 
@@ -132,7 +188,8 @@ def _abort(control: MPI.Intracomm, code: int) -> int:
     return code
 
 
-def _run(comm: MPI.Intracomm, arguments: Sequence[str]) -> None:
+def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
+    """Do what was typed; puts the folder of a run into ``running``, once there is one."""
     own, petsc_options = split_arguments(arguments)
     hidden = io.StringIO()
     try:
@@ -145,18 +202,35 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str]) -> None:
             print(fabric_table())
         return
     log = _logger(comm, args.quiet, args.verbose)
+    if args.command == "resume":
+        from .checkpoint import reopen
+
+        checkpoint = reopen(comm, args.case, args.set, args.output)
+        directory = prepare_directory(comm, checkpoint.directory)
+        running.append(directory)
+        _start_petsc(petsc_options)
+        from .run import run_case
+
+        run_case(comm, checkpoint.case, directory, log, checkpoint)
+        return
     case = Case.load_collective(comm, args.case, args.set)
     if args.command == "check":
         _start_petsc(petsc_options)
         from .run import check_case
 
         check_case(comm, case, log)
+        return
+    if args.output is not None:
+        output = case.output.model_copy(update={"directory": args.output})
+        case = case.model_copy(update={"output": output})
+    directory = prepare_directory(comm, case.output.directory)
+    _start_petsc(petsc_options)
+    if args.command == "calibrate":
+        from .calibrate import calibrate_case
+
+        calibrate_case(comm, case, args.data, directory, log)
     else:
-        if args.output is not None:
-            output = case.output.model_copy(update={"directory": args.output})
-            case = case.model_copy(update={"output": output})
-        directory = prepare_directory(comm, case.output.directory)
-        _start_petsc(petsc_options)
+        running.append(directory)
         from .run import run_case
 
         run_case(comm, case, directory, log)
@@ -251,13 +325,50 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    epilog = "Options with one dash after CASE go to PETSc: -ksp_monitor, -log_view ..."
-    for command, text in (
-        ("run", "solve a case and write results"),
-        ("check", "read a case and report sizes, solve nothing"),
+    for command, text, example in (
+        (
+            "run",
+            "solve a case and write results",
+            "mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2",
+        ),
+        (
+            "check",
+            "read a case and report sizes, solve nothing",
+            "cruciform-petsc check demos/picture_frame.toml",
+        ),
+        (
+            "calibrate",
+            "find the shear law of a case's fabric from a measured load curve",
+            "cruciform-petsc calibrate demos/calibrate_glass_pp.toml "
+            "--data demos/glass_pp_bias.csv",
+        ),
+        (
+            "resume",
+            "go on with a run that was interrupted, on as many ranks as you like",
+            "cruciform-petsc resume results/picture_frame",
+        ),
     ):
-        sub = commands.add_parser(command, help=text, epilog=epilog, allow_abbrev=False)
-        sub.add_argument("case", metavar="CASE", help="the case file (TOML)")
+        sub = commands.add_parser(
+            command,
+            help=text,
+            description=f"{text[:1].upper()}{text[1:]}.",
+            epilog=f"Example: {example}\n"
+            "Options with one dash after CASE go to PETSc: -cruciform_ksp_monitor, -log_view ...",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        if command == "resume":
+            what = "the folder of the results, or the case file that tells it"
+            sub.add_argument("case", metavar="DIR|CASE", help=what)
+        else:
+            sub.add_argument("case", metavar="CASE", help="the case file (TOML)")
+        if command == "calibrate":
+            sub.add_argument(
+                "--data",
+                metavar="FILE",
+                required=True,
+                help="the measured curve: CSV of displacement and force, units in the header",
+            )
         sub.add_argument(
             "--set",
             action="append",
@@ -265,12 +376,18 @@ def _parser() -> _Parser:
             metavar="KEY=VALUE",
             help="replace a value of the case: --set preform.refine=4",
         )
-        if command == "run":
+        if command != "check":
             sub.add_argument("--output", metavar="DIR", help="replaces output.directory")
         loudness = sub.add_mutually_exclusive_group()
         loudness.add_argument("--quiet", action="store_true", help="log warnings only")
         loudness.add_argument("--verbose", action="store_true", help="log more")
-    commands.add_parser("fabrics", help="list the library of fabrics", allow_abbrev=False)
+    commands.add_parser(
+        "fabrics",
+        help="list the library of fabrics",
+        description="List the library of fabrics.",
+        epilog="Example: cruciform-petsc fabrics",
+        allow_abbrev=False,
+    )
     return parser
 
 
@@ -304,7 +421,10 @@ def fabric_table() -> str:
             for yarns in (fabric.warp, fabric.weft)
         ]
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        rows.append([name, *both, format_si(fabric.shear_modulus, "N/m"), fabric.source])
+        shear = format_si(fabric.shear_modulus, "N/m")
+        if fabric.shear.name != "linear":
+            shear += f" at rest, {fabric.shear.name}"
+        rows.append([name, *both, shear, fabric.source])
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

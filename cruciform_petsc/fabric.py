@@ -40,6 +40,8 @@ _SHEAR_LAWS = {
 }
 _TENSION_LAWS = {"table": ("strain", "force", "points")}
 _STRAINS = ("engineering", "log")
+# What only exports need, with its SI unit.
+_PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,20 @@ class Fabric:
         Stiffness of yarns in compression over that in tension.
     compression_width : float
         Strain over which the stiffness falls when a yarn goes from tension into compression.
+    areal_density : float, optional
+        Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md).
+    thickness : float, optional
+        Of the cloth at rest [m]; for exports.
+    fibre_density : float, optional
+        Mass per volume of what the yarns consist of [kg/m^3]; for exports.
 
     Raises
     ------
     InputError
-        Moduli or yarn counts not positive, yarn bending negative, no reciprocity,
-        nu_w nu_e >= 1; a law with another slope at rest than its modulus, a tension law with
-        Poisson's ratios; compression not in (0, 1], its width not positive.
+        Moduli, yarn counts, masses or thickness not positive, fibres of more volume than the cloth;
+        yarn bending negative, no reciprocity, nu_w nu_e >= 1; a law with another slope at rest than
+        its modulus, a tension law with Poisson's ratios; compression not in (0, 1], its width not
+        positive.
     """
 
     name: str
@@ -112,6 +121,9 @@ class Fabric:
     log_strain: bool = False
     compression: float = 1.0
     compression_width: float = 1e-4
+    areal_density: float | None = None
+    thickness: float | None = None
+    fibre_density: float | None = None
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
@@ -141,6 +153,16 @@ class Fabric:
             if not math.isfinite(family.poisson):
                 raise InputError(f"fabric.{side}.poisson must be finite, got {family.poisson}")
         _check("fabric.shear.modulus", self.shear_modulus, "N/m")
+        for name, unit in _PLY_DATA.items():
+            if getattr(self, name) is not None:
+                _check(f"fabric.{name}", getattr(self, name), unit)
+        fraction = self.fibre_volume_fraction
+        if self.thickness is not None and fraction is not None and fraction > 1.0:
+            raise InputError(
+                "fabric.areal_density over fabric.fibre_density is a layer of "
+                f"{format_si(fraction * self.thickness, 'm')} without any gaps, which is more "
+                f"than fabric.thickness = {format_si(self.thickness, 'm')}"
+            )
         nu_w, nu_e = self.warp.poisson, self.weft.poisson
         # Compliance [1] has an energy only if it is symmetric.
         left, right = nu_e * self.warp.modulus, nu_w * self.weft.modulus
@@ -168,8 +190,9 @@ class Fabric:
         table : mapping
             ``warp`` and ``weft``, each with ``modulus`` (or ``tension``, a law), ``poisson``,
             ``yarns`` and maybe ``yarn_bending``; ``shear`` with ``modulus`` or a law; maybe
-            ``tension`` with ``strain, compression, compression_width``; maybe ``source``.
-            docs/laws.md shows all of them. What is None counts as missing.
+            ``tension`` with ``strain, compression, compression_width``; maybe ``areal_density``,
+            ``thickness``, ``fibre_density``; maybe ``source``. docs/laws.md and docs/exports.md
+            show all of them. What is None counts as missing.
         key : str
             Where the table stands, for messages.
         """
@@ -204,6 +227,11 @@ class Fabric:
             return yarns, law
 
         (warp, warp_law), (weft, weft_law) = family("warp"), family("weft")
+        ply_data: dict[str, Any] = {
+            name: quantity(unit, name)
+            for name, unit in _PLY_DATA.items()
+            if table.get(name) is not None
+        }
         shear = _shear_law(entry("shear"), f"{key}.shear")
         return cls(
             name,
@@ -215,6 +243,7 @@ class Fabric:
             warp_law=warp_law,
             weft_law=weft_law,
             **_tension_options(table.get("tension"), f"{key}.tension"),
+            **ply_data,
         )
 
     @classmethod
@@ -225,7 +254,8 @@ class Fabric:
         ----------
         name : str
         changes : mapping, optional
-            Tables that replace the library's, ``shear`` and ``tension``, as for `from_table`.
+            What replaces the library's: ``shear`` and ``tension`` as a whole, ``areal_density``,
+            ``thickness``, ``fibre_density``; as for `from_table`.
         """
         library = _library()
         if name not in library:
@@ -271,6 +301,13 @@ class Fabric:
     def c12(self) -> float:
         """Warp stress per weft strain, and the reverse: nu_e C11 = nu_w C22 [N/m], [2]-[4]."""
         return self.weft.poisson * self.c11
+
+    @property
+    def fibre_volume_fraction(self) -> float | None:
+        """Volume of the fibres over that of the cloth, at rest; None without the data for it."""
+        if self.areal_density is None or self.thickness is None or self.fibre_density is None:
+            return None
+        return self.areal_density / (self.fibre_density * self.thickness)
 
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strain of a yarn as its law of tension takes it, and its derivatives by the stretch.

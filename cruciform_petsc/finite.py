@@ -298,7 +298,7 @@ class FiniteNetwork:
     def prescribe(self, x: np.ndarray, motions: list[tuple[np.ndarray, np.ndarray, np.ndarray]]):
         """Put prescribed unknowns of positions in place and turn the clamps' held directions.
 
-        Not collective; ghosts are set like owned nodes.
+        Collective: hinges on a clamp may be ghosts here of which the network does not know.
 
         Parameters
         ----------
@@ -318,6 +318,7 @@ class FiniteNetwork:
             gap[~self.fixed[nodes]] = 0.0
             x[nodes] += np.einsum("nji,nj->ni", self.frame[nodes], gap)
             self._clamp_gradient[network_nodes] = rotation @ gradient @ rotation.T
+        self.nodes.exchange.forward(x)
         crossing = self.cruciforms.held_node
         rows = self.cruciforms.held_rows
         directions = self.network.arm_directions
@@ -521,6 +522,27 @@ class FiniteNetwork:
             known = known | new
         return nodes.exchange.forward(x)
 
+    def most_sheared(self, x: np.ndarray) -> np.ndarray | None:
+        """Place at rest (x, y) of a crossover whose warp and weft have passed each other. Collective.
+
+        None where there is none: every quadrant's arms still turn the way they did at rest. Beyond
+        90 degrees of shear the kernels' angle would come back, which no cloth does.
+        """
+        network, c = self.network, self.cruciforms
+        hinge = x[c.nodes[:, 4]]
+        warp, weft = (x[c.nodes[:, f]] - x[c.nodes[:, f + 2]] for f in (0, 1))
+        for family, chord in ((0, warp), (1, weft)):  # where one arm is missing, the other counts
+            for arm, sign in ((family, 1.0), (family + 2, -1.0)):
+                gone = c.arm_length[:, (arm + 2) % 4] == 0
+                chord[gone] = sign * (x[c.nodes[gone, arm]] - hinge[gone])
+        turn = warp[:, 0] * weft[:, 1] - warp[:, 1] * weft[:, 0]
+        both = (c.arm_length > 0).reshape(-1, 2, 2).any(axis=1).all(axis=1)
+        worst = int(np.where(both, turn, np.inf).argmin()) if len(turn) else 0
+        value = float(turn[worst]) if len(turn) and both[worst] else np.inf
+        place = network.crossover_position[c.rows[worst]].tolist() if len(turn) else []
+        value, place = min(self.comm.allgather((value, place)))
+        return np.array(place) if value <= 0.0 else None
+
     def crossover_fields(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Fields at this rank's crossovers; the same as LinearNetwork.crossover_fields. Collective.
 
@@ -555,15 +577,17 @@ class FiniteNetwork:
             (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
         )
         energy = {mode: np.zeros(n) for mode in MODES}
+        bending = np.zeros(self.nodes.num_nodes_local)
         for kind, part, (values, _, _) in self._chunks(x, ENERGY):
             if kind == 0:
                 energy["tension"][c.rows[part]] = values[:, 0]
                 energy["shear"][c.rows[part]] = values[:, 1]
                 continue
             for of in self.turns.crossover[part].T:
-                # The half of a joint's energy of a crossover on another rank stays with this one.
-                mine = np.where(of >= 0, of, self.turns.crossover[part][:, 0])
-                np.add.at(energy["bending"], mine, 0.5 * values[:, 0])
+                # The second crossover of a joint may be another rank's: its hinge is a ghost here.
+                hinge = np.where(of >= 0, self.nodes.of_hinge[of], self.turns.nodes[part][:, 2])
+                np.add.at(bending, hinge, 0.5 * values[:, 0])
+        energy["bending"] += self.nodes.exchange.reverse(bending)[self.nodes.of_hinge]
 
         def spread(values: np.ndarray) -> np.ndarray:
             wide = np.zeros((n, *values.shape[1:]))

@@ -109,15 +109,18 @@ class Network:
         """Whether lattice points (..., 2) are crossovers of the network, on whichever rank."""
         return self.warp_yarns.find(ij[..., 1], ij[..., 0]) >= 0
 
+    def crossover_number(self, ij: np.ndarray) -> np.ndarray:
+        """Global numbers of the crossovers at lattice points (..., 2), -1 where there is none."""
+        part = self.warp_yarns.find(ij[..., 1], ij[..., 0])
+        number = self._first_number[part] + ij[..., 0] - self.warp_yarns.first[part]
+        return np.where(part >= 0, number, -1)
+
     def _make_crossovers(self, segments: np.ndarray, outline_xy: shapely.Polygon) -> None:
         ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
         n = len(ij)
         self.crossover_ij = ij.astype(np.int32)
         self.crossover_position = self._to_xy(ij)
-        part = self.warp_yarns.find(ij[:, 1], ij[:, 0])
-        self.crossover_number_global = (
-            self._first_number[part] + ij[:, 0] - self.warp_yarns.first[part]
-        )
+        self.crossover_number_global = self.crossover_number(ij)
         cut = cells_cut(segments)
         around = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
         near = np.unique((cut[:, None] + around).reshape(-1, 2), axis=0)

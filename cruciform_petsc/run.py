@@ -19,6 +19,7 @@ from mpi4py import MPI
 from . import __version__
 from .assembly import MODES
 from .case import Case
+from .checkpoint import Checkpoint, resume_command
 from .errors import InputError, SolverError
 from .experiments.base import Experiment
 from .experiments.bias_extension import BiasExtension, Pantograph
@@ -138,11 +139,27 @@ def make_experiment(
     return make(network, **options, **{name: getattr(test, name) for name in more})
 
 
-def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logger) -> dict:
+def run_case(
+    comm: MPI.Intracomm,
+    case: Case,
+    directory: Path,
+    log: logging.Logger,
+    checkpoint: Checkpoint | None = None,
+) -> dict:
     """Run a case and write its results into a folder. Collective; returns the summary.
 
-    A test that ends early, or a membrane that cannot be solved, raises its SolverError on every
-    rank after all that was reached is on disk.
+    A finite test keeps a checkpoint until all results are there. A test that ends early, or a
+    membrane that cannot be solved, raises its SolverError on every rank after all that was reached
+    is on disk.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    case : Case
+    directory : Path
+    log : logging.Logger
+    checkpoint : Checkpoint, optional
+        To go on from; by default the test begins at rest.
     """
     _check_comparison(case)
     stages = Stages(comm, log)
@@ -165,10 +182,19 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
     experiment = make_experiment(case, network)
     failure: SolverError | None = None
     progress = Progress(experiment, directory / "increments.csv", log)
+    if case.test.finite:
+        checkpoint = checkpoint or Checkpoint.begin(comm, directory, case)
+        for note in checkpoint.notes:
+            log.warning("warning       %s", note)
+        progress.go_on_from(checkpoint.increments)
+        log.info(
+            "           if interrupted, continue with: %s", resume_command(directory, comm.size)
+        )
     size = "finite deformation" if case.test.finite else f"{case.test.model} model"
     with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
         try:
-            result = experiment.solve(progress)
+            with _telling_how_to_resume(checkpoint):
+                result = experiment.solve(progress, checkpoint)
         except EquilibriumError as error:
             failure, result = error, error.result
     if result is None:
@@ -181,12 +207,14 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
         log.info("           %d crossovers hang on by one arm end and carry no load", hanging)
 
     summary = _summary(case, result, statistics, hanging)
+    if checkpoint is not None and checkpoint.increments:
+        summary["resumed_after_increments"] = len(checkpoint.increments)
     summary["warnings"] = warnings(result)
     for sentence in summary["warnings"]:
         log.warning("warning       %s", sentence)
     if failure is not None:
         summary["ended_early"] = str(failure)
-    with stages.stage("write", "results written"):
+    with stages.stage("write", "results written"), _telling_how_to_resume(checkpoint):
         _write(case, result, directory)
 
     without = None
@@ -228,7 +256,21 @@ def run_case(comm: MPI.Intracomm, case: Case, directory: Path, log: logging.Logg
     _tell(log, summary, result, directory)
     if failure is not None:
         raise failure
+    if checkpoint is not None:
+        checkpoint.remove()
     return summary
+
+
+@contextmanager
+def _telling_how_to_resume(checkpoint: Checkpoint | None) -> Iterator[None]:
+    """Add it to a problem with files, a full disk mostly. Collective if there is one."""
+    try:
+        yield
+    except InputError as error:
+        if checkpoint is None or "cruciform-petsc resume" in str(error):
+            raise
+        told = checkpoint.hint()
+        raise InputError(f"{error}{'; ' if told else ''}{told}") from None
 
 
 class Progress:
@@ -237,6 +279,14 @@ class Progress:
     def __init__(self, experiment: Experiment, path: Path, log: logging.Logger):
         self.experiment, self.path, self.log = experiment, path, log
         self.increments: list[Increment] = []
+
+    def go_on_from(self, increments: list[Increment]) -> None:
+        """Take note of the increments of a former run. Collective."""
+        self.increments = list(increments)
+        if increments:
+            self._write()
+            at = control_text(self.experiment, increments[-1].control)
+            self.log.info("           going on from %s, %d increments", at, len(increments))
 
     def __call__(self, increment: Increment) -> None:
         """Take note of an increment. Collective."""
@@ -250,6 +300,9 @@ class Progress:
             increment.iterations,
             mended,
         )
+        self._write()
+
+    def _write(self) -> None:
         tables.write_csv(
             self.experiment.network.comm,
             self.path,
@@ -498,6 +551,8 @@ def _write(case: Case, result: TestResult, directory: Path) -> None:
             paraview.write_series(
                 directory / "series.vtkhdf", network, result.states, experiment.column
             )
+    if case.output.exports:
+        result.export(directory)
 
 
 def _write_nothing_but_increments(comm, case, directory, stages, progress, failure) -> None:

@@ -59,6 +59,8 @@ _KINDS = {
     "m": ("a length", "1 mm", "mm"),
     "N": ("a force", "2 N", "N"),
     "1": ("a strain", "1 %", "%"),
+    "kg/m**2": ("a mass per area", "576 g/m^2", "g/m^2"),
+    "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
 }
 
 # Strains are not left to the registry, in which "2 ends" is a plain number as well.
@@ -111,7 +113,8 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     value : str
         Number and unit, "520 N/cm".
     unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N" or "1".
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2" or
+        "kg/m**3".
     bare : bool
         Take a number without unit as SI already (scripts may, case files may not).
 
@@ -189,9 +192,10 @@ def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | lis
     ----------
     value : str or list of str
         "520 N/cm", "2.4 /cm", "2.4 ends/cm", "1/4.8 mm", "0.6 N mm^2", "45 deg", "1 mm", "2 N",
-        "1 %".
+        "1 %", "576 g/m^2", "2.5 g/cm^3".
     unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N" or "1".
+        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2" or
+        "kg/m**3".
     key : str
         Where the value stands, for the message: "fabric.warp.modulus".
     bare : bool

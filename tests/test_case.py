@@ -206,6 +206,19 @@ def test_laws_beside_a_fabric_of_the_library(write):
     assert (linear.shear_modulus, linear.shear_law) == (pytest.approx(200.0), None)
 
 
+def test_masses_and_thickness(write):
+    """What exports need may stand beside a library's fabric, and is kept as written."""
+    case = Case.load(write(SPECIMEN), ["fabric.thickness=0.5 mm"])
+    assert case.fabric_table.thickness == "0.5 mm"
+    fabric = case.fabric()
+    assert fabric.thickness == pytest.approx(5e-4, rel=1e-14)
+    assert fabric.fibre_volume_fraction == pytest.approx(0.4608)  # the library's masses
+    with pytest.raises(InputError, match="fabric.thickness is the bare number 0.5"):
+        Case.load(write(SPECIMEN), ["fabric.thickness=0.5"])
+    with pytest.raises(InputError, match="a layer of 0.2304 mm without any gaps"):
+        Case.load(write(SPECIMEN), ["fabric.thickness=0.2 mm"])
+
+
 def test_a_fabric_with_laws_of_its_own(write):
     """All of a fabric's laws in a case file."""
     family = FAMILY.replace('modulus="400 N/mm"', f"tension={TENSION}")
@@ -308,7 +321,7 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear and tension may stand)",
+            "shear, tension, areal_density, thickness and fibre_density may stand)",
         ),
         (
             ["fabric.shear.law=spline"],

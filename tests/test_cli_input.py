@@ -4,6 +4,7 @@
 mpi4py must not be imported here: this process starts mpirun and is no rank itself.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -259,6 +260,47 @@ def test_loudness(drive, option, lines):
     assert drive(0, body, option).stdout.split() == lines
 
 
+def test_calibrate_gets_its_data(tmp_path, case):
+    """Case, data, folder and PETSc options arrive; without data one sentence."""
+    script = tmp_path / "calibrate.py"
+    script.write_text(CALIBRATE)
+    folder = tmp_path / "law"
+    given = ("--data", "curve.csv", "--output", folder, "-ksp_type", "cg")
+    result = launch(2, script, "calibrate", case, *given)
+    assert result.returncode == 0, result.stderr
+    assert sorted(re.findall(r"calibrate (\d) (\S+) (\S+)", result.stdout)) == [
+        ("0", "curve.csv", str(folder)),
+        ("1", "curve.csv", str(folder)),
+    ]
+    message = "the following arguments are required: --data"
+    assert_refused(cruciform_petsc(0, "calibrate", case), message)
+    result = cruciform_petsc(0, "run", case, "--data", "curve.csv")
+    assert_refused(result, "unrecognized arguments: --data curve.csv")
+
+
+CALIBRATE = """
+import sys, types
+from petsc4py import PETSc
+
+def calibrate_case(comm, case, data_path, directory, log):
+    assert PETSc.Options().getAll()["ksp_type"] == "cg" and directory.is_dir()
+    print(f"calibrate {comm.rank} {data_path} {directory}\\n", end="", flush=True)
+
+module = types.ModuleType("cruciform_petsc.calibrate")
+module.calibrate_case = calibrate_case
+sys.modules["cruciform_petsc.calibrate"] = module
+from cruciform_petsc.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_help_has_examples():
+    for command in ("run", "check", "calibrate", "fabrics"):
+        result = cruciform_petsc(0, command, "--help")
+        assert result.returncode == 0
+        assert re.search(rf"Example: .*cruciform-petsc {command}", result.stdout)
+
+
 def test_check(drive):
     """`check` runs on every rank and makes no folder."""
     result = drive(2, "pass", "--set", "preform.refine=2", command="check")
@@ -371,8 +413,8 @@ def test_split_arguments(line, own, petsc):
         ("run c --verbos", 'there is no option "--verbos", did you mean "--verbose"?'),
         (
             "run c --ksp_type cg",
-            'there is no option "--ksp_type" (known: --set, --output, --quiet, --verbose, --help, '
-            "--version; PETSc options begin with one dash)",
+            'there is no option "--ksp_type" (known: --set, --output, --data, --quiet, --verbose, '
+            "--help, --version; PETSc options begin with one dash)",
         ),
         (
             "run c -ksp_rtol=1e-3",
@@ -386,3 +428,30 @@ def test_slips_in_options(line, message):
     with pytest.raises(InputError) as caught:
         split_arguments(line.split())
     assert str(caught.value) == message
+
+
+# -- a test that ends early ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ranks", [0, 2])
+def test_impossible_extension(case, tmp_path, ranks):
+    """One sentence that says where it ended, exit code 2, and what was reached on disk."""
+    given = {"finite": "true", "extension": '["-2 mm", "-40 mm"]'}
+    options = [word for key, value in given.items() for word in ("--set", f"test.{key}={value}")]
+    options += ["--set", "output.pictures=false", "--output", tmp_path / "out"]
+    result = cruciform_petsc(ranks, "run", case, *options)
+    assert result.returncode == 2, result.stderr
+    (sentence,) = sentences(result)
+    assert re.match(
+        r"bias-extension: no equilibrium beyond the last one found, at extension -\d.* mm, load "
+        r"-\d.* N .*; forces are farthest from balance at x = .* mm, y = .* mm\. ",
+        sentence,
+    )
+    assert "Traceback" not in result.stderr
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["ended_early"] == sentence
+    assert summary["extension_m"][0] == -2e-3
+    rows = (tmp_path / "out" / "increments.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(summary["increments"])
+    for name in ("curve.csv", "network.vtkhdf"):
+        assert (tmp_path / "out" / name).stat().st_size > 40

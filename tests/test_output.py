@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.output import pictures
-from cruciform_petsc.output.paraview import ENERGIES, write_network
+from cruciform_petsc.output import figures, pictures
+from cruciform_petsc.output.paraview import ENERGIES, write_network, write_series
 from cruciform_petsc.output.sample import sample_map, sample_yarns
 from cruciform_petsc.output.tables import write_csv, write_json, written_whole
 
@@ -91,6 +91,9 @@ def test_places_that_cannot_be_written(tmp_path, result):
             lambda path=path: write_network(
                 path, result.network, result.node_displacement, result.fields
             ),
+            lambda path=path: write_series(
+                path, result.network, result.states, ("extension_mm", 1e-3)
+            ),
         ):
             with pytest.raises(InputError, match=f'"{path}" cannot be written: .'):
                 write()
@@ -118,8 +121,11 @@ def test_failure_half_way_keeps_the_old_file(tmp_path):
 # -- ParaView --------------------------------------------------------------------------------------
 
 
-def read_vtkhdf(path):
-    """Read lines with VTK's own reader: points (n, 3), lines (m, 2), point data, cell data."""
+def read_vtkhdf(path, time=None):
+    """Read lines with VTK's own reader: points (n, 3), lines (m, 2), point data, cell data.
+
+    Of a series, at one of its times.
+    """
     pytest.importorskip("vtkmodules")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -127,7 +133,10 @@ def read_vtkhdf(path):
     reader = vtkHDFReader()
     assert reader.CanReadFile(str(path))
     reader.SetFileName(str(path))
-    reader.Update()
+    if time is None:
+        reader.Update()
+    else:
+        reader.UpdateTimeStep(time)
     grid = reader.GetOutput()
     assert grid.IsA("vtkUnstructuredGrid")
     assert {grid.GetCellType(i) for i in range(grid.GetNumberOfCells())} == {3}
@@ -137,6 +146,18 @@ def read_vtkhdf(path):
     ]
     lines = vtk_to_numpy(grid.GetCells().GetConnectivityArray()).reshape(-1, 2)
     return vtk_to_numpy(grid.GetPoints().GetData()), lines, *data
+
+
+def times_of(path):
+    """Times that VTK's reader finds in a file."""
+    pytest.importorskip("vtkmodules")
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    return reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
 
 
 def test_vtk_reads_the_network(tmp_path, result):
@@ -195,6 +216,53 @@ def test_vtk_reads_the_network(tmp_path, result):
         attributes = file["VTKHDF"].attrs
         assert attributes["title"].decode() == "45° strip"
         assert attributes["extension_m"] == 1e-3
+
+
+@pytest.fixture(scope="module")
+def curve():
+    """The same strip at finite deformation, twice."""
+    network = Network(COMM, Preform.rectangle("40 mm", "80 mm", holes=[CIRCLE[:-1]]), TABLE_1)
+    return BiasExtension(network, extension=["2 mm", "6 mm"], finite=True).solve()
+
+
+def test_vtk_reads_a_series(tmp_path, curve):
+    """Each state, from rest on, is what a file of its own has; time is the extension in mm."""
+    path = tmp_path / "series.vtkhdf"
+    curve.write(path)
+    assert times_of(path) == pytest.approx((0.0, 2.0, 6.0))
+    for time, state in zip((2.0, 6.0), curve.states, strict=True):
+        single = tmp_path / "single.vtkhdf"
+        write_network(single, curve.network, state.node_displacement, state.fields)
+        of_series, of_single = read_vtkhdf(path, time), read_vtkhdf(single)
+        for a, b in zip(of_series[:2], of_single[:2], strict=True):
+            np.testing.assert_array_equal(a, b)
+        for a, b in zip(of_series[2:], of_single[2:], strict=True):
+            assert a.keys() == b.keys()
+            for name in a:
+                np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+    points, _, point, cell = read_vtkhdf(path, 0.0)
+    network = curve.network
+    n = network.num_crossovers_owned
+    np.testing.assert_allclose(points[:n, :2], network.crossover_position, atol=1e-15)
+    assert not point["displacement"].any()
+    assert not any(cell[name].any() for name in (*ENERGIES, "shear_angle_deg", "tension"))
+    assert cell["carrying"].all()
+    with h5py.File(path) as file:
+        assert file["VTKHDF"].attrs["time_is"].decode() == "extension_mm"
+        # What does not change is there once.
+        assert len(file["VTKHDF/CellData/yarn_family"]) == len(cell["yarn_family"])
+
+
+def test_series_that_turns_back(tmp_path, curve):
+    """VTK wants ascending times: then they are the numbers of the states."""
+    path = tmp_path / "series.vtkhdf"
+    write_series(path, curve.network, curve.states[::-1], ("extension_mm", 1e-3))
+    assert times_of(path) == (0.0, 1.0, 2.0)
+    points, *_ = read_vtkhdf(path, 2.0)
+    assert points[:, 1].max() == pytest.approx(0.082)
+    with h5py.File(path) as file:
+        assert file["VTKHDF"].attrs["time_is"].decode() == "state"
+        assert file["VTKHDF"].attrs["controls"].tolist() == pytest.approx([0.0, 6.0, 2.0])
 
 
 # -- samples ---------------------------------------------------------------------------------------
@@ -336,6 +404,29 @@ def test_maps_leave_holes_empty(tmp_path, result):
     assert pixels(path).shape[1] > 2 * image.shape[1]
 
 
+def test_stages(tmp_path, curve):
+    """Side by side in true scale: the upper clamp stands higher in each, colours are shared."""
+    clamps = figures._clamps(curve, curve.states[1])
+    assert [round(1e3 * np.ptp(motion), 9) for _, motion in clamps] == [0.0, 6.0]
+    figures.draw_stages(tmp_path / "stages.png", curve, "two stages")
+    image = pixels(tmp_path / "stages.png")
+    single = pixels_of(tmp_path, curve)
+    assert image.shape[1] > 1.5 * single.shape[1]
+    dark = image.min(axis=2) < 0.3
+    # The clamps' lines: rows that are dark for a third of a panel; the upper ones differ.
+    half = image.shape[1] // 2
+    rows = [
+        np.flatnonzero(part.sum(axis=1) > 0.2 * half) for part in np.hsplit(dark[:, : 2 * half], 2)
+    ]
+    assert rows[1].min() < rows[0].min()
+
+
+def pixels_of(tmp_path, result):
+    """A picture of the last state alone."""
+    result.plot(tmp_path / "one.png")
+    return pixels(tmp_path / "one.png")
+
+
 def test_curves(tmp_path):
     """Every kind of curve, also of a single value, and with gaps."""
     load = [0.1, 0.2, 0.3]
@@ -348,11 +439,22 @@ def test_curves(tmp_path):
     pictures.convergence(
         COMM, tmp_path / "d.png", [59, 213, 809], {"load": [0.04, 0.02, 0.01]}, orders=(1, 2)
     )
-    for name in "abcd":
+    pictures.zones(
+        COMM, tmp_path / "e.png", {"middle": ([1.0, 2], [5.0, 9])}, {"": ([0, 2], [0, 8])}
+    )
+    parts = {"shear": np.array([1.0, 4.0]), "tension": np.array([0.5, 1.0])}
+    pictures.load_against_extension(
+        COMM, tmp_path / "f.png", [1.0, 2.0], [0.3, 0.9],
+        marks=([2.0], [0.9]), points={"membrane": ([2.0], [0.8])},
+    )  # fmt: skip
+    pictures.curves(COMM, tmp_path / "g.png", {"warp": ([1.0], [2.0])}, ("x", "y"))
+    for name in "abcdefg":
         image = pixels(tmp_path / f"{name}.png")
         assert image.shape[0] > 500
         assert 500 < coloured(image).sum() < 0.1 * image.size, name
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 7
+    pictures.stacked(COMM, tmp_path / "h.png", np.array([1.0, 2.0]), parts, ("x (mm)", "mJ"))
+    assert coloured(pixels(tmp_path / "h.png")).mean() > 0.1
 
 
 def test_curves_start_at_the_origin():
@@ -361,6 +463,8 @@ def test_curves_start_at_the_origin():
     assert (x.tolist(), y.tolist()) == ([0, 1, 2], [0, 10, 20])
     x, y = pictures.from_origin(-1.0, -10.0)
     assert (x.tolist(), y.tolist()) == ([-1, 0], [-10, 0])
+    x, y = pictures.from_origin([1.0, 3.0, 2.0], [10.0, 30.0, 15.0])
+    assert (x.tolist(), y.tolist()) == ([0, 1, 3, 2], [0, 10, 30, 15])
     x, y = pictures.from_origin([-1, 1], [-3, 3])
     assert len(x) == 2
 
@@ -379,6 +483,7 @@ def test_curves_stop_at_a_hole():
         ([[-8.0, 0.0], [-2.0]], (-8, 0), "neither"),
         ([[-4.0, 8.0]], (-8, 8), "neither"),
         ([[0.0, np.nan]], (0, 1), "neither"),
+        ([[-2e-12, 1e-12]], (0, 1), "neither"),
         ([np.full(5000, 5.0), [90.0]], (0, 5), "max"),
     ],
 )

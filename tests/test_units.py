@@ -40,6 +40,10 @@ from cruciform_petsc.units import format_si, parse_unit, to_si
         ("1 %", "1", 0.01),
         ("-0.2%", "1", -0.002),
         ("0.01 mm/mm", "1", 0.01),
+        ("576 g/m^2", "kg/m**2", 0.576),
+        ("0.743 kg/m²", "kg/m**2", 0.743),
+        ("2.5 g/cm^3", "kg/m**3", 2500.0),
+        ("1780 kg/m^3", "kg/m**3", 1780.0),
     ],
 )
 def test_accepted(text, unit, si):

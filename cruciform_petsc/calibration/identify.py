@@ -35,7 +35,7 @@ import numpy as np
 from ..constraints import Constraints
 from ..elements import energy as kernels
 from ..elements.energy import FORCE, Cloth
-from ..errors import InputError
+from ..errors import CruciformError, InputError
 from ..experiments.bias_extension import BiasExtension
 from ..fabric import Fabric
 from ..finite import FiniteNetwork
@@ -58,6 +58,7 @@ LEAST_NOISE = 0.01
 POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
 # What the law depends on without being identified, worth a look each time.
 ASSUMED = ("tension modulus", "yarn bending", "compression")
+PLACE = "place of the yarns"
 TOLERANCE = 1e-4  # relative change of the sum that ends the iterations
 EXACT = 1e-10  # a sum so small is none: loads are equilibria to about the root of it
 MOST_ITERATIONS = 30
@@ -97,6 +98,7 @@ class LoadCurve:
         self._grips = self.experiment.grip(constraints)
         self.model = FiniteNetwork(constraints)
         self._cloth = self.model.cloth
+        self._options = options
         self._equilibrium = Equilibrium(self.model, options)
         self._velocity = self.experiment._velocity(self._grips, 0.0)
         self._places: list[np.ndarray] | None = None
@@ -160,6 +162,32 @@ class LoadCurve:
         finally:
             self._cloth, self.model.turns.rigidity, self._trial = cloth, rigidity, trial
             self.model.cloth = replace(cloth, shear=law.packed)
+
+    def solve_shifted(self, law: Potential) -> np.ndarray | None:
+        """Load at each extension with crossovers where gaps between yarns are, N; (n,).
+
+        Collective. Which yarns the clamps hold changes with that. None if there is no equilibrium.
+        """
+        network = self.network
+        preform = network.preform
+        shift = 0.5 * network.pitch @ preform.rotation
+        x, y = map(float, preform.lattice_origin + shift)
+        other = None
+        try:
+            other = LoadCurve(
+                Network(network.comm, replace(preform, origin=(x, y)), network.fabric),
+                self.extensions,
+                upper=self.experiment.upper,
+                bending=self.model.bending,
+                options=self._options,
+            )
+            return other.solve(law)
+        except CruciformError:  # on all ranks
+            return None
+        finally:
+            if other is not None:
+                self.newton_steps += other.newton_steps
+                other.destroy()
 
     def accept(self) -> None:
         """Start from the states of the last `solve` from now on."""
@@ -278,7 +306,7 @@ def table_changes(angles: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Assumption:
-    """What twice an assumed property would change.
+    """What another value of something assumed would change.
 
     Attributes
     ----------
@@ -321,7 +349,8 @@ class Calibration:
     effective_parameters : float
         How many parameters the data settle; the others come from the smoothing.
     assumptions : dict of Assumption
-        What twice the tension modulus, the yarn bending, the stiffness in compression would change.
+        What twice the tension modulus, the yarn bending, the stiffness in compression would change,
+        and another place of the yarns in the specimen, half a cell of the lattice away.
     smoothing : float
     iterations, evaluations, newton_steps : int
         Least squares steps, curves of loads computed, Newton steps in all.
@@ -374,20 +403,31 @@ class Calibration:
         inside = (d >= lowest * (1 - 1e-9)) & (d <= highest * (1 + 1e-9))
         return _rms(self.residuals[inside])
 
+    @property
+    def dependent(self) -> np.ndarray:
+        """Where the law depends on something assumed by more than LARGEST_ERROR, bool (m,)."""
+        changes = [np.abs(assumption.values) for assumption in self.assumptions.values()]
+        return np.max([np.zeros(len(self.angles)), *changes], axis=0) > LARGEST_ERROR
+
     def uncertain_ranges(self) -> list[tuple[float, float]]:
         """Ranges of angles, rad, that the data do not determine; the last one has no end."""
-        knots = np.concatenate([[0.0], self.angles])
+        ranges = self.ranges(~self.determined)
+        last = min(float(self.reached.max()), float(self.angles[-1]))
+        if not ranges or ranges[-1][1] < np.inf:
+            ranges.append((last, np.inf))
+        ranges[-1] = (min(ranges[-1][0], last), np.inf)
+        return ranges
+
+    def ranges(self, marked: np.ndarray) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, about marked knots, from the knot before to the knot after."""
+        knots = np.concatenate([[0.0], self.angles, [np.inf]])
         ranges: list[tuple[float, float]] = []
-        for k in np.flatnonzero(~self.determined):
-            low = knots[k]
-            high = self.angles[k + 1] if k + 1 < len(self.angles) else np.inf
+        for k in np.flatnonzero(marked):
+            low, high = float(knots[k]), float(knots[k + 2])
             if ranges and low <= ranges[-1][1]:
                 ranges[-1] = (ranges[-1][0], high)
             else:
                 ranges.append((low, high))
-        last = min(float(self.reached.max()), float(self.angles[-1]))
-        if not ranges or ranges[-1][1] < np.inf:
-            ranges.append((last, np.inf))
         return ranges
 
     def remarks(self) -> list[str]:
@@ -418,11 +458,15 @@ class Calibration:
             load, value = (
                 100.0 * float(np.abs(part).max()) for part in (assumption.loads, assumption.values)
             )
-            if value > 5.0:
-                texts.append(
-                    f"Twice the {name} would change loads by up to {load:.0f} % and the law by up "
-                    f"to {value:.0f} %: the law holds together with the fabric's {name}."
-                )
+            if value <= 5.0:
+                continue
+            other, with_ = f"Twice the {name}", f"the fabric's {name}"
+            if name == PLACE:
+                other, with_ = "Yarns half a cell away", "the place of the yarns in the specimen"
+            texts.append(
+                f"{other} would change loads by up to {load:.0f} % and the law by up to "
+                f"{value:.0f} %: the law holds together with {with_}."
+            )
         return texts
 
 
@@ -563,7 +607,7 @@ class _Problem:
     def minimise(self, told: Callable[[str], None]) -> tuple[int, str]:
         """Levenberg and Marquardt's method with bounds; z is moved to the minimum. Collective."""
         n = len(self.curve.force)
-        r, damping = self.residuals(self.z), 1e-3
+        r, damping = self.residuals(self.z), 1e-4
         self.specimen.accept()
         for iteration in range(1, MOST_ITERATIONS + 1):
             jacobian = self.jacobian()
@@ -584,7 +628,7 @@ class _Problem:
                     return iteration - 1, "no step makes the sum of squares smaller"
             self.specimen.accept()
             self.z, r = self.z + step, trial
-            damping = max(1e-6, 0.1 * damping)
+            damping *= 0.01 if gain > 0.9 * foretold else 0.5
             told(f"step {iteration}, RMS {_percent(r[:n] / self.data_weight)}")
         return MOST_ITERATIONS, "the iterations were as many as are allowed"
 
@@ -618,8 +662,8 @@ def _finished(
         problem.data_weight * (loads / curve.force - 1.0),
         problem.bend_weight * problem.bends @ np.log(values),
     ])  # fmt: skip
-    for what in ASSUMED:
-        other = specimen.solve_doubled(law, what)
+    for what in (*ASSUMED, PLACE):
+        other = specimen.solve_shifted(law) if what == PLACE else specimen.solve_doubled(law, what)
         if other is not None:
             shifted = r.copy()
             shifted[:n] += problem.data_weight * (other - loads) / curve.force

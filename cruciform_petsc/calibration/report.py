@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..case import on_root
-from ..output.pictures import COLOURS, STYLE
+from ..output.pictures import COLOURS, DASHES, STYLE
 from ..output.tables import write_csv, write_json, written_whole
-from .identify import LARGEST_ERROR, Calibration
+from .identify import LARGEST_ERROR, PLACE, Calibration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,9 +68,10 @@ def summary(calibration: Calibration) -> dict[str, Any]:
                 "standard_error_n_per_mm": 1e-3 * error,
                 "relative_standard_error": error / value,
                 "determined": bool(known),
+                "depends_on_assumptions": bool(depends),
             }
-            for angle, value, error, known in zip(
-                c.angles, c.values, c.standard_errors, c.determined, strict=True
+            for angle, value, error, known, depends in zip(
+                c.angles, c.values, c.standard_errors, c.determined, c.dependent, strict=True
             )
         ],
         "undetermined_deg": [
@@ -80,7 +81,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "largest_relative_standard_error_allowed": LARGEST_ERROR,
         "shear_reached_deg": np.rad2deg(c.reached),
         "noise_assumed": c.noise,
-        "twice_what_was_assumed": {
+        "other_assumptions": {
             name.replace(" ", "_"): {
                 "relative_change_of_loads": a.loads,
                 "relative_change_of_law": a.values,
@@ -228,6 +229,13 @@ def _draw_law(axes: Axes, c: Calibration) -> None:
         label=f"start: {c.start_from}",
     )  # fmt: skip
     axes.plot(degrees(angle[inside]), values[inside], color=COLOURS[0], label="identified law")
+    if PLACE in c.assumptions:
+        moved = 1e-3 * c.values * (1.0 + c.assumptions[PLACE].values)
+        top = max(top, 1.25 * moved.max())
+        axes.plot(
+            degrees(knots), np.append(0.0, moved), color=COLOURS[2], linestyle=DASHES[2],
+            linewidth=1.2, label="if the yarns lay half a cell away",
+        )  # fmt: skip
     beyond = angle >= c.angles[-1]
     axes.plot(degrees(angle[beyond]), values[beyond], color=COLOURS[0], linestyle=":")
     known = c.determined
@@ -236,6 +244,13 @@ def _draw_law(axes: Axes, c: Calibration) -> None:
         degrees(c.angles[~known]), 1e-3 * c.values[~known], "o", color=COLOURS[0], markersize=4,
         markerfacecolor="white",
     )  # fmt: skip
+    label = f"depends on assumptions by over {100 * LARGEST_ERROR:.0f} %"
+    for low, high in c.ranges(c.dependent):
+        axes.axvspan(
+            degrees(low), degrees(min(high, end)), color=COLOURS[5], alpha=0.12, linewidth=0,
+            zorder=0, label=label,
+        )  # fmt: skip
+        label = "_"
     label = f"not determined (standard error above {100 * LARGEST_ERROR:.0f} %)"
     label = label if not known.all() else "extrapolated"
     for low, high in c.uncertain_ranges():

@@ -597,8 +597,8 @@ class Equilibrium:
         First by mixed Newton steps: the geometric stiffness takes the stress that the last step
         was to lead to, not that of where it led, which for stiff yarns is far larger as turning by
         small displacements stretches them ("mixed integration point" method: Magisano, Leonetti
-        and Garcea 2017, doi 10.1016/j.cma.2016.10.026). Should these go astray, by descent of the
-        energy from where the edges were moved.
+        and Garcea 2017, Comput. Methods Appl. Mech. Eng. 313). Should these go astray, by descent
+        of the energy from where the edges were moved.
         """
         gap = np.zeros_like(self._x)
         gap[self.fixed] = (self._prescribed(motion) - self.u.x.array.reshape(-1, 2))[self.fixed]

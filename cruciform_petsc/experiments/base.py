@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..assembly import MODES, LinearNetwork
 from ..constraints import Constraints
-from ..errors import InputError
+from ..errors import CruciformError, InputError
 from ..finite import FiniteNetwork
 from ..network import Network
 from ..solvers.linear import LinearSolver, SolverInfo
@@ -26,6 +26,9 @@ from ..solvers.nonlinear import Equilibrium, EquilibriumError, Increment, Path, 
 from ..supports import find_supports
 from ..units import format_si, to_si
 from .result import State, TestResult
+
+if TYPE_CHECKING:
+    from ..checkpoint import Checkpoint
 
 PULL = np.array([0.0, 1.0])
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
@@ -160,13 +163,20 @@ class Experiment:
             told.append(f"{hanging} crossovers hang on by one arm end and will carry no load")
         return told
 
-    def solve(self, accepted: Callable[[Increment], None] | None = None) -> TestResult:
+    def solve(
+        self,
+        accepted: Callable[[Increment], None] | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> TestResult:
         """Solve and measure. Collective.
 
         Parameters
         ----------
         accepted : callable, optional
             Finite deformation: told each accepted increment.
+        checkpoint : Checkpoint, optional
+            Finite deformation: kept up to date at every increment; if it was opened from files,
+            the test goes on from there.
 
         Raises
         ------
@@ -174,7 +184,7 @@ class Experiment:
             On every rank if a solver fails. At finite deformation it is an EquilibriumError whose
             attribute ``result`` holds what was reached (or None).
         """
-        return self._solve_finite(accepted) if self.finite else self._solve_small()
+        return self._solve_finite(accepted, checkpoint) if self.finite else self._solve_small()
 
     def _motions(self, grips: list[Grip], control: float):
         return [(grip.nodes, *self.motion(grip.edge, control)) for grip in grips]
@@ -252,23 +262,31 @@ class Experiment:
 
     # -- finite deformation -----------------------------------------------------------------------
 
-    def _solve_finite(self, told: Callable[[Increment], None] | None) -> TestResult:
+    def _solve_finite(
+        self, told: Callable[[Increment], None] | None, checkpoint: Checkpoint | None
+    ) -> TestResult:
         constraints = Constraints(self.network, self.bending)
         grips = self.grip(constraints)
         model = FiniteNetwork(constraints)
         equilibrium = Equilibrium(model, self.options)
         states: list[State] = []
         done: list[Increment] = []
+        last: list[State] = []  # whether asked for or not
 
         def drive(control: float):
             return self._motions(grips, control), self.load_factor(control)
+
+        path = Path(equilibrium, drive)
 
         def accepted(increment: Increment, x: np.ndarray) -> None:
             state = self._state(model, equilibrium, grips, increment.control)
             increment.load = state.load
             done.append(increment)
+            last[:] = [state]
             if increment.asked:
                 states.append(state)
+            if checkpoint is not None:
+                checkpoint.write(model, path, done)
             if told is not None:
                 told(increment)
 
@@ -279,19 +297,31 @@ class Experiment:
             )  # fmt: skip
 
         try:
+            if checkpoint is not None:
+                kept = checkpoint.restore(model)
+                done += checkpoint.increments
+                for control, x in kept.asked:
+                    path.restore([(control, x)])
+                    states.append(self._state(model, equilibrium, grips, control))
+                path.restore(kept.states, kept.target, kept.allowed, kept.load)
             if self.by_load:
-                self._follow_loads(equilibrium, drive, grips, model, accepted)
+                self._follow_loads(path, grips, accepted)
             else:
                 step = self.default_step()
                 if self.increments is not None:
                     step = float(np.abs(self.values).max()) / self.increments
-                follow(equilibrium, drive, [float(value) for value in self.values], step, accepted)
-        except EquilibriumError as error:
-            self._explain(error, done)
-            error.result = result() if states else None
-            raise
-        finally:
+                targets = [float(value) for value in self.values]
+                follow(equilibrium, drive, targets, step, accepted, path=path)
+        except CruciformError as error:
+            # Only these are raised on every rank alike, as destroying needs it.
             equilibrium.destroy()
+            if isinstance(error, EquilibriumError):
+                self._explain(error, done)
+                if last and (not states or states[-1] is not last[0]):
+                    states.append(last[0])  # how far it came
+                error.result = result() if states else None
+            raise
+        equilibrium.destroy()
         return result()
 
     def _state(self, model, equilibrium, grips: list[Grip], control: float) -> State:
@@ -331,16 +361,17 @@ class Experiment:
         model.prescribe(x.copy(), now)
         return float(energy[0] - energy[1]) / (2.0 * step)
 
-    def _follow_loads(self, equilibrium, drive, grips, model, accepted) -> None:
+    def _follow_loads(self, path: Path, grips, accepted) -> None:
         """Find the extensions of the loads asked for, by Newton's method on each. Collective."""
-        path = Path(equilibrium, drive)
-        control, load = 0.0, 0.0
-        first = self.reference_control()
-        for target in self.values:
+        equilibrium, model = path.equilibrium, path.equilibrium.model
+        control, load, first = path.control, path.load, self.reference_control()
+        while path.target < len(self.values):
+            target = float(self.values[path.target])
             step_limit = abs(target - load) if self.increments is None else (
                 float(np.abs(self.values).max()) / self.increments
             )  # fmt: skip
-            while load != target:
+            reached = False
+            while not reached:  # once at least: a load asked for twice is two states
                 gap = target - load
                 goal = target if abs(gap) <= step_limit * (1 + 1e-9) else (
                     load + np.sign(gap) * step_limit
@@ -363,15 +394,16 @@ class Experiment:
                     iterations += increment.iterations
                     seconds += increment.seconds
                     load = self._state(model, equilibrium, grips, control).load
-                    if abs(load - goal) <= LOAD_TOLERANCE * abs(goal):
+                    if abs(load - goal) <= LOAD_TOLERANCE * np.abs(self.values).max():
                         break
                 else:
                     raise EquilibriumError(
                         f"the load {format_si(goal, 'N')} is not reached", "MAX_IT", []
                     )
-                load = float(goal)
-                increment.asked = goal == target
+                load = path.load = float(goal)
+                reached = increment.asked = bool(goal == target)
                 increment.iterations, increment.seconds = iterations, seconds
+                path.target += int(reached)
                 accepted(increment, equilibrium.x)
 
     def _load_slope(self, model, equilibrium, grips, control) -> tuple[float, np.ndarray]:

@@ -77,9 +77,11 @@ class BiasExtension(Experiment):
         low, high = self.network.preform.outline.bounds[1::2]
         return 0.02 * (high - low)
 
-    def solve(self, accepted=None) -> TestResult:
+    def solve(self, accepted=None, checkpoint=None) -> TestResult:
         """Solve and measure, see Experiment.solve. Collective."""
-        return self._solve_separately() if self.model == "separate" else super().solve(accepted)
+        if self.model == "separate":
+            return self._solve_separately()
+        return super().solve(accepted, checkpoint)
 
     def membrane(self, result: TestResult, size: float | None = None) -> Any:
         """The membrane under the last extension (dolfinx). Collective."""

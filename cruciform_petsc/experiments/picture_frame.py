@@ -75,7 +75,7 @@ class PictureFrame(Experiment):
         )
         result = small.solve()
         states = [result.states[0].scaled(angle / SMALL) for angle in self.values]
-        return replace(result, experiment=self, states=states)
+        return replace(result, experiment=self, states=states, increments=[])
 
     def diagonal(self, control: float) -> float:
         """Length of the frame's longer diagonal, between the pulled corners, m."""

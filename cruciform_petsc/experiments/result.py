@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -329,6 +330,17 @@ class TestResult:
         from ..output.figures import draw_yarns
 
         draw_yarns(path, self)
+
+    def export(
+        self, folder: str | Path, index: int = -1, hold: str = "fibre volume fraction"
+    ) -> list[Path]:
+        """Write yarn directions, thickness and fibre volume fraction for other programs.
+
+        Collective. See output.exports.export_state and docs/exports.md.
+        """
+        from ..output.exports import export_state
+
+        return export_state(folder, self, index, hold)
 
     def write(self, path: str) -> None:
         """Write a file that ParaView opens: deformed yarns with their fields. Collective.

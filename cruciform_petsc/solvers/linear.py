@@ -171,14 +171,9 @@ class LinearSolver:
         options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
-            vectors = [
-                PETSc.Vec().createWithArray(column.copy(), comm=matrix.comm)
-                for column in _orthonormal(near_null, matrix.comm.tompi4py())
-            ]
-            space = PETSc.NullSpace().create(vectors=vectors, comm=matrix.comm)
+            space = near_null_space(near_null, matrix.comm.tompi4py())
             matrix.setNearNullSpace(space)
-            for thing in (space, *vectors):
-                thing.destroy()
+            space.destroy()
         self.ksp = PETSc.KSP().create(matrix.comm)
         self.ksp.setOptionsPrefix(prefix)
         self.ksp.setOperators(matrix)
@@ -303,6 +298,21 @@ def _mechanism(sign: str) -> SolverError:
         "crossovers from turning; switch bending on, refine, or clamp more",
         "MECHANISM",
     )
+
+
+def near_null_space(columns: np.ndarray, comm) -> PETSc.NullSpace:
+    """Space of motions that cost (nearly) no energy, for algebraic multigrid. Collective.
+
+    columns : float (n_owned_unknowns, m); the caller destroys the space.
+    """
+    vectors = [
+        PETSc.Vec().createWithArray(column.copy(), comm=comm)
+        for column in _orthonormal(columns, comm)
+    ]
+    space = PETSc.NullSpace().create(vectors=vectors, comm=comm)
+    for vector in vectors:
+        vector.destroy()
+    return space
 
 
 def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:

@@ -19,7 +19,8 @@ from petsc4py import PETSc
 
 from ..errors import SolverError
 from ..finite import FiniteNetwork
-from .linear import DIRECT_LIMIT, ITERATIVE, PREFIX, petsc_options
+from .finite_multigrid import TangentMultigrid
+from .linear import DIRECT_LIMIT, ITERATIVE, PREFIX, near_null_space, petsc_options
 
 # Residual over the forces that the clamps and loads exert (norms over all unknowns). The load is
 # then right to the square of it, near enough: Newton's last step is quadratic.
@@ -34,6 +35,7 @@ DIRECT = {
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
 }
+STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
 MEMORY = 2  # earlier steps whose energies may be reached again
 FIRST_SHIFT, LAST_SHIFT = 1e-7, 1e2  # of the diagonal
 
@@ -132,8 +134,10 @@ class Equilibrium:
         self._history: list[float] = []
         self._support = 0.0  # norm of the forces at clamps and of loads, N
         self.shifted = 0
-        unknowns = self._vector.getSize()
-        default: dict[str, object] = DIRECT if unknowns <= DIRECT_LIMIT else dict(ITERATIVE)
+        options = dict(options or {})
+        small = self._vector.getSize() <= DIRECT_LIMIT
+        default = str(options.get("pc_type", "cholesky" if small else "mg"))
+        kind = PETSc.Options(prefix).getString("pc_type", default)
         self.snes = PETSc.SNES().create(comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setFunction(self._function, self._residual)
@@ -142,10 +146,28 @@ class Equilibrium:
         self.snes.setConvergenceTest(self._converged)
         self.snes.setMaxLinearSolveFailures(10**6)  # _before_step looks at each step
         self.snes.setTolerances(max_it=MAX_ITERATIONS)
-        nonlinear = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
-        with petsc_options(prefix, {**nonlinear, **default, **(options or {})}):
+        settings: dict[str, object] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
+        settings |= DIRECT if kind in ("cholesky", "lu") else ITERATIVE | {"ksp_rtol": STEP}
+        with petsc_options(prefix, {**settings, **options}):
             self.snes.setFromOptions()
+        if kind == "mg":
+            pc = self.snes.ksp.getPC()
+            pc.setType(PETSc.PC.Type.PYTHON)
+            pc.setPythonContext(TangentMultigrid(model, prefix))
+        elif kind == "gamg":
+            self._tell_rigid_motions()
         self.snes.ksp.setErrorIfNotConverged(False)
+
+    def _tell_rigid_motions(self) -> None:
+        """Give algebraic multigrid the motions that cost next to nothing."""
+        model, owned = self.model, self.model.nodes.num_nodes_owned
+        motions = np.zeros((3, model.nodes.num_nodes_local, 2))
+        motions[0, :, 0] = motions[1, :, 1] = 1.0
+        motions[2] = model.rest[:, ::-1] * (-1.0, 1.0)
+        columns = [model.to_axes(motion)[:owned].ravel() for motion in motions]
+        space = near_null_space(np.stack(columns, axis=1), model.comm)
+        self._matrix.setNearNullSpace(space)
+        space.destroy()
 
     def destroy(self) -> None:
         """Free what PETSc holds."""
@@ -188,8 +210,9 @@ class Equilibrium:
 
     def _tolerance(self) -> float:
         """What residual is called none, N."""
-        return RELATIVE_RESIDUAL * self._support + ROUNDING * self.model.typical_stiffness * (
-            self._extent * np.sqrt(self._vector.getSize())
+        self._matrix.getDiagonal(self._diagonal)
+        return RELATIVE_RESIDUAL * self._support + (
+            ROUNDING * self._extent * self._diagonal.norm()
         )
 
     def _converged(self, snes, iteration, norms):
@@ -316,6 +339,12 @@ class Equilibrium:
             raise EquilibriumError(
                 "no equilibrium found", _reason_name(reason), self._history, self._worst(x)
             )
+        folded = self.model.most_sheared(x)
+        if folded is not None:
+            raise EquilibriumError(
+                "the cloth folds onto itself: warp and weft pass each other", "FOLDED",
+                self._history, folded,
+            )  # fmt: skip
         _, energies, _ = self._evaluate(self._vector)
         self.x = x
         return Increment(
@@ -391,6 +420,7 @@ def follow(
     step: float | None = None,
     accepted: Callable[[Increment, np.ndarray], None] | None = None,
     most_cuts: int = 10,
+    path: Path | None = None,
 ) -> list[Increment]:
     """Follow equilibrium from rest through the controls asked for, in order. Collective.
 
@@ -411,48 +441,82 @@ def follow(
         Told each accepted increment and its positions.
     most_cuts : int
         How often a step is halved before giving up.
+    path : Path, optional
+        To go on along, maybe from where it was restored to; by default from rest.
 
     Returns
     -------
     list of Increment
-        All that were accepted.
+        All that were accepted here.
 
     Raises
     ------
     EquilibriumError
         On every rank, with the control reached, the reason and the place.
     """
-    path = Path(equilibrium, drive)
+    path = path or Path(equilibrium, drive)
     done: list[Increment] = []
-    for target in targets:
-        most = abs(target - path.control) if step is None else step
-        allowed = most
-        while path.control != target:
+    while path.target < len(targets):
+        target = targets[path.target]
+        before = targets[path.target - 1] if path.target else 0.0
+        most = abs(target - before) if step is None else step
+        reached = False
+        while not reached:  # once at least: a value asked for twice is two states
+            allowed = min(most, path.allowed or most)
             gap = target - path.control
-            pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9)))
+            pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9))) if gap else 1
             next_control = target if pieces <= 1 else path.control + gap / pieces
             try:
                 increment = path.advance(next_control)
             except EquilibriumError:
-                allowed = 0.5 * abs(next_control - path.control)
-                if allowed < most * 0.5**most_cuts:
+                path.allowed = 0.5 * abs(next_control - path.control)
+                if path.allowed <= most * 0.5**most_cuts:
                     raise
                 continue
-            increment.asked = next_control == target
+            path.allowed = min(most, 2.0 * allowed) if increment.iterations <= 8 else allowed
+            reached = increment.asked = next_control == target
+            if reached:
+                path.target, path.allowed = path.target + 1, None
             done.append(increment)
             if accepted is not None:
                 accepted(increment, equilibrium.x)
-            if increment.iterations <= 8:
-                allowed = min(most, 2.0 * allowed)
     return done
 
 
 class Path:
-    """Accepted states along a control, and the guess for the next one."""
+    """Accepted states along a control, and the guess for the next one.
+
+    Attributes
+    ----------
+    states : list of (control, positions (n_local, 2))
+        The last three at most.
+    target : int
+        Number of the value asked for that is being made for.
+    allowed : float or None
+        Largest step, if it is not the usual one.
+    load : float
+        The one reached, N, where loads are asked for.
+    """
 
     def __init__(self, equilibrium: Equilibrium, drive: Drive):
         self.equilibrium, self.drive = equilibrium, drive
         self.states: list[tuple[float, np.ndarray]] = [(0.0, equilibrium.x.copy())]
+        self.target = 0
+        self.allowed: float | None = None
+        self.load = 0.0
+
+    def restore(
+        self,
+        states: list[tuple[float, np.ndarray]],
+        target: int = 0,
+        allowed: float | None = None,
+        load: float = 0.0,
+    ) -> None:
+        """Put attributes, positions, clamps and dead loads as they were. Collective."""
+        self.states, self.target, self.allowed, self.load = states, target, allowed, load
+        motions, self.equilibrium.load_factor = self.drive(self.control)
+        self.equilibrium.x = states[-1][1].copy()
+        self.equilibrium.model.prescribe(self.equilibrium.x.copy(), motions)
 
     @property
     def control(self) -> float:

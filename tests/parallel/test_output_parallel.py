@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
-from test_output import read_vtkhdf
+from test_output import read_vtkhdf, times_of
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.result import State
 from cruciform_petsc.output import pictures
-from cruciform_petsc.output.paraview import ENERGIES, write_network
+from cruciform_petsc.output.paraview import ENERGIES, write_network, write_series
 from cruciform_petsc.output.sample import sample_map, sample_yarns
 from cruciform_petsc.output.tables import write_csv, write_json
 
@@ -88,6 +89,32 @@ def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone, together, monke
         np.testing.assert_allclose(by_crossover, fields[energy], atol=tolerance, err_msg=energy)
 
 
+@pytest.mark.parametrize("together", [True, False], ids=["at once", "in turn"])
+def test_vtk_reads_a_series_of_the_ranks(tmp_path, together, monkeypatch):
+    """Step by step what the ranks write for a state alone; no rank gathers."""
+    if together and not h5py.get_config().mpi:
+        pytest.skip("h5py without MPI")
+    monkeypatch.setattr(h5py, "get_config", lambda: SimpleNamespace(mpi=together))
+    network = Network(COMM, Preform.rectangle("40 mm", "80 mm", "45 deg"), TABLE_1)
+    result = BiasExtension(network, ["2 mm", "6 mm"], finite=True).solve()
+    path = COMM.bcast(tmp_path) / "series.vtkhdf"
+    result.write(path)
+    single = path.with_name("single.vtkhdf")
+    for time, state in zip((2.0, 6.0), result.states, strict=True):
+        write_network(single, network, state.node_displacement, state.fields)
+        if COMM.rank == 0:
+            assert times_of(path) == pytest.approx((0.0, 2.0, 6.0))
+            of_series, of_single = read_vtkhdf(path, time), read_vtkhdf(single)
+            for a, b in zip(of_series[:2], of_single[:2], strict=True):
+                np.testing.assert_array_equal(a, b)
+            for a, b in zip(of_series[2:], of_single[2:], strict=True):
+                assert a.keys() == b.keys()
+                for name in a:
+                    np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+            assert len(np.unique(of_series[3]["rank"])) == COMM.size
+        COMM.Barrier()
+
+
 def test_ranks_without_crossovers(tmp_path):
     """They have no part in the file, but write it with the others."""
     preform = Preform.rectangle("4.2 mm", "4.2 mm", "0 deg")
@@ -101,12 +128,18 @@ def test_ranks_without_crossovers(tmp_path):
     moved = np.zeros((network.num_nodes_local, 2))
     path = tmp_path / "one.vtkhdf"
     write_network(path, network, moved, fields)
+    series = tmp_path / "series.vtkhdf"
+    states = [State(0.001 * i, 0.0, fields, moved + 0.001 * i) for i in (1, 2)]
+    write_series(series, network, states, ("extension_mm", 1e-3))
     yarns = sample_yarns(network, moved, fields)
     cells = sample_map(network, {"shear": fields["shear_angle"]})
     if COMM.rank == 0:
         points, lines, _, cell = read_vtkhdf(path)
         assert len(points) == 5
         assert len(lines) == 4
+        assert cell["shear_energy"].sum() == pytest.approx(0.5)
+        later, _, _, cell = read_vtkhdf(series, 2.0)
+        assert np.ptp(later - points, axis=1) == pytest.approx([0.0] + [0.002] * 4)
         assert cell["shear_energy"].sum() == pytest.approx(0.5)
         assert len(yarns.first) == 2
         assert len(yarns.before) == 6

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: MIT
+"""A law identified on several ranks against that of one rank alone; errors on every rank."""
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from cruciform_petsc.calibrate import calibrate_case
+from cruciform_petsc.calibration import calibrate
+from cruciform_petsc.case import Case
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.fabric import Fabric
+from cruciform_petsc.network import Network
+from cruciform_petsc.preform import Preform
+
+COMM = MPI.COMM_WORLD
+DEMOS = Path(__file__).parents[2] / "demos"
+DISPLACEMENT = 1e-3 * np.array([2, 4, 8, 12, 16, 20, 24, 28])
+FORCE = [0.75, 1.06, 1.20, 1.36, 1.69, 2.33, 2.77, 3.42]
+
+
+def test_same_law_on_all_ranks():
+    """Loads agree to 1e-8, and the sum of squares is flat near its least: the law to 1e-5."""
+    fabric = replace(Fabric.from_library("glass-pp-plain-1.93"), shear_law=None, shear_modulus=7.5)
+    preform = Preform.rectangle("115 mm", "230 mm", "45 deg", yarns_per_cruciform=3)
+    found = calibrate(Network(COMM, preform, fabric), DISPLACEMENT, FORCE)
+    alone = calibrate(Network(MPI.COMM_SELF, preform, fabric), DISPLACEMENT, FORCE)
+    np.testing.assert_allclose(found.values, alone.values, rtol=1e-5)
+    np.testing.assert_allclose(found.loads, alone.loads, rtol=1e-6)
+    np.testing.assert_allclose(found.standard_errors, alone.standard_errors, rtol=1e-3)
+    assert found.iterations == alone.iterations
+    for every in COMM.allgather(found.values):
+        np.testing.assert_array_equal(every, found.values)
+
+
+def test_a_bad_curve_is_told_on_every_rank(tmp_path):
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml")
+    with pytest.raises(InputError, match="does not exist"):
+        calibrate_case(COMM, case, tmp_path / "no.csv", tmp_path, logging.getLogger("quiet"))

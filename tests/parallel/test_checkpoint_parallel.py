@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: MIT
+"""A test that was interrupted on some ranks goes on on others, through its files."""
+
+import resource
+import shutil
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
+
+from cruciform_petsc.case import Case
+from cruciform_petsc.checkpoint import Checkpoint
+from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.finite import FiniteNetwork
+from cruciform_petsc.network import Network
+from cruciform_petsc.run import make_experiment
+
+COMM = MPI.COMM_WORLD
+pytestmark = pytest.mark.three_ranks
+# Sums over ranks round otherwise, and Newton's steps with them: see test_checkpoint.
+OTHER_RANKS = 100 * SAME
+
+
+def killed_run(folder, case, comm, stop=4):
+    """Leave a checkpoint written on these ranks, known to all when this returns."""
+    if comm == COMM or COMM.rank == 0:
+        assert solve(case, Checkpoint.begin(comm, folder, case), stop, comm) is None
+    COMM.barrier()
+
+
+def on_one(function):
+    """Do something on rank 0 by itself, the others wait."""
+    result = function() if COMM.rank == 0 else None
+    COMM.barrier()
+    return result
+
+
+@pytest.mark.parametrize("test", [None, LOADS, FRAME], ids=["bias", "load", "frame"])
+def test_resumed_on_one_rank(tmp_path, test):
+    case = case_of() if test is None else case_of(test, "0 deg" if test is FRAME else "45 deg")
+    killed_run(tmp_path, case, COMM, 1 if test is FRAME else 4)
+
+    def resume():
+        checkpoint = Checkpoint.resume(MPI.COMM_SELF, tmp_path)
+        assert len(checkpoint.increments) == (1 if test is FRAME else 4)
+        curves_agree(solve(case, checkpoint), solve(case), OTHER_RANKS)
+
+    on_one(resume)
+
+
+@pytest.mark.parametrize("test", [None, LOADS, FRAME], ids=["bias", "load", "frame"])
+def test_begun_on_one_rank(tmp_path, test):
+    case = case_of() if test is None else case_of(test, "0 deg" if test is FRAME else "45 deg")
+    killed_run(tmp_path, case, MPI.COMM_SELF, 1 if test is FRAME else 4)
+    checkpoint = Checkpoint.resume(COMM, tmp_path)
+    assert len(checkpoint.increments) == (1 if test is FRAME else 4)
+    result = solve(case, checkpoint, comm=COMM)
+    curves_agree(result, solve(case, comm=COMM), OTHER_RANKS)
+
+
+def test_positions_do_not_depend_on_the_ranks(tmp_path):
+    """To the last bit, at owned nodes and ghosts, whatever the ranks that read."""
+    case = case_of()
+    killed_run(tmp_path, case, COMM)
+
+    def kept(comm):
+        network = Network(comm, case.preform(), case.fabric())
+        constraints = Constraints(network, True)
+        make_experiment(case, network).grip(constraints)
+        model = FiniteNetwork(constraints)
+        return model.nodes.node_key, Checkpoint.resume(comm, tmp_path).restore(model)
+
+    key, many = kept(COMM)
+    one_key, one = kept(MPI.COMM_SELF)
+    at = np.searchsorted(one_key, key)
+    assert (one_key[at] == key).all()
+    assert len(many.states) == len(one.states) == 3
+    pairs = [*zip(many.states, one.states, strict=True), *zip(many.asked, one.asked, strict=True)]
+    for (control, x), (one_control, one_x) in pairs:
+        assert control == one_control
+        np.testing.assert_array_equal(x, one_x[at])
+
+
+def test_damage_is_refused_on_every_rank(tmp_path):
+    killed_run(tmp_path, case_of(), COMM, 2)
+    folder = tmp_path / "checkpoint"
+    good = (folder / "newest").read_bytes()
+    COMM.barrier()
+    on_one((folder / "previous").unlink)
+    for harm, data in harms(good, np.random.default_rng(4)):
+        on_one(lambda data=data: (folder / "newest").write_bytes(data))
+        with pytest.raises(InputError, match="newest.*; begin anew with") as caught:
+            Checkpoint.resume(COMM, tmp_path)
+        assert len(set(COMM.allgather(str(caught.value)))) == 1, harm
+
+
+def test_files_of_two_runs_are_not_mixed(tmp_path):
+    case = case_of()
+    killed_run(tmp_path / "a", case, COMM)
+    killed_run(tmp_path / "b", case, MPI.COMM_SELF)
+    if COMM.size == 1:
+        pytest.skip("two runs on one rank write the same")
+    at = "checkpoint/state-1"
+    on_one(lambda: shutil.copy(tmp_path / "a" / at, tmp_path / "b" / at))
+    checkpoint = Checkpoint.resume(COMM, tmp_path / "b")
+    with pytest.raises(InputError, match='state-1" is of another run than its neighbours'):
+        solve(case, checkpoint, comm=COMM)
+
+
+@pytest.mark.parametrize("full", [0, -1], ids=["first", "last"])
+def test_full_disk_of_one_rank(tmp_path, full):
+    """Ranks may write to different machines' disks; all end with the same sentence."""
+    case = case_of()
+    killed_run(tmp_path, case, COMM)
+    checkpoint = Checkpoint.resume(COMM, tmp_path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if COMM.rank == full % COMM.size:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(InputError, match='newest" cannot be written: File too large; what was'):
+            solve(case, checkpoint, comm=COMM)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    checkpoint = Checkpoint.resume(COMM, tmp_path)
+    assert checkpoint.notes == []
+    assert len(checkpoint.increments) == 4
+    curves_agree(solve(case, checkpoint, comm=COMM), solve(case, comm=COMM))
+
+
+def test_ranks_without_nodes(tmp_path):
+    """They have no rows in the file, and read their share all the same."""
+    data = case_of(angle="0 deg").model_dump()
+    data["preform"]["outline"]["rectangle"] = ["5.2 mm", "5.2 mm"]
+    data["test"] = {"kind": "biaxial", "strain": ["1 %", "2 %"], "ratio": 1.0, "finite": True}
+    case = Case.from_data(data)
+    network = Network(COMM, case.preform(), case.fabric())
+    assert network.num_crossovers_global == 1
+    killed_run(tmp_path, case, COMM, 1)
+    result = solve(case, Checkpoint.resume(COMM, tmp_path), comm=COMM)
+    assert result.loads.tolist() == pytest.approx(solve(case, comm=COMM).loads.tolist())

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""Interrupting and resuming as a user does it: separate processes, one and two ranks.
+
+mpi4py must not be imported here: this process starts mpirun and is no rank itself.
+"""
+
+import csv
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from test_cli_input import assert_refused, cruciform_petsc, sentences
+
+CASE = """
+[fabric]
+use = "glass-pp-plain-1.93"
+[preform]
+outline = { rectangle = ["22 mm", "40 mm"] }
+bias_angle = "45 deg"
+[test]
+finite = true
+extension = ["1 mm", "2 mm"]
+increments = 40
+[output]
+pictures = false
+paraview = false
+"""
+
+
+@pytest.fixture
+def case(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE)
+    return path
+
+
+def curve(folder):
+    with (folder / "curve.csv").open() as file:
+        return [[float(value) for value in row.values() if value] for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("alone")
+    (folder / "case.toml").write_text(CASE)
+    result = cruciform_petsc(0, "run", folder / "case.toml", "--output", folder / "out")
+    assert result.returncode == 0, result.stderr
+    assert (
+        f"if interrupted, continue with: cruciform-petsc resume {folder / 'out'}" in result.stdout
+    )
+    assert not (folder / "out" / "checkpoint").exists()
+    return curve(folder / "out")
+
+
+def interrupted(case, out, number, increments=5):
+    """Start a run, and send it a signal after some increments."""
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-m", "cruciform_petsc", "run", str(case), "--output", str(out)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    told = 0
+    for line in process.stdout:
+        told += "Newton" in line
+        if told == increments:
+            break
+    process.send_signal(number)
+    _, stderr = process.communicate(timeout=60)
+    return subprocess.CompletedProcess([], process.returncode, "", stderr)
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"]
+)
+def test_interrupt_says_how_to_go_on(case, tmp_path, number, code):
+    """Wherever it hits: in PETSc, between increments, in files."""
+    out = tmp_path / "my out"
+    for increments in (1, 12) if number == signal.SIGINT else (7,):
+        result = interrupted(case, out, number, increments)
+        assert result.returncode == code
+        assert sentences(result) == [
+            f"interrupted; what was reached is kept, continue with: cruciform-petsc resume '{out}'"
+        ]
+        assert "Traceback" not in result.stderr
+
+
+def test_resumed_by_the_folder(case, tmp_path, wanted):
+    """On two ranks what one had begun; once more there is nothing to do."""
+    out = tmp_path / "out"
+    assert interrupted(case, out, signal.SIGINT).returncode == 130
+    result = cruciform_petsc(2, "resume", out)
+    assert result.returncode == 0, result.stderr
+    assert "going on from extension" in result.stdout
+    assert not (out / "checkpoint").exists()
+    assert json.loads((out / "summary.json").read_text())["resumed_after_increments"] >= 5
+    found = curve(out)
+    assert len(found) == len(wanted) == 2
+    for row, row_wanted in zip(found, wanted, strict=True):
+        assert row == pytest.approx(row_wanted, rel=1e-6, abs=1e-15)
+    with (out / "increments.csv").open() as file:
+        controls = [float(row["extension_mm"]) for row in csv.DictReader(file)]
+    assert controls == pytest.approx([0.05 * i for i in range(1, 41)])
+
+    result = cruciform_petsc(0, "resume", out)
+    assert_refused(result, f'the run in "{out}" is finished, there is nothing to resume')
+
+
+def test_killed_on_two_ranks_resumed_by_the_case_file(case, tmp_path, wanted):
+    """No rank can say a word; the case file tells the folder, and its solver may change."""
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        ["mpirun", "-n", "2", sys.executable, "-m", "cruciform_petsc", "run", str(case),
+         "--output", str(out)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | {
+            "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+            "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe", "OMP_NUM_THREADS": "1",
+        },
+    )  # fmt: skip
+    table = out / "increments.csv"
+    deadline = time.monotonic() + 60
+    while not table.exists() or len(table.read_text().splitlines()) < 5:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    result = cruciform_petsc(
+        0, "resume", case, "--output", out, "--set", "test.increments=20", "--quiet"
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == ""
+    for row, row_wanted in zip(curve(out), wanted, strict=True):
+        assert row == pytest.approx(row_wanted, rel=1e-6, abs=1e-15)
+
+
+def test_refusals(case, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    result = cruciform_petsc(0, "resume", out)
+    assert_refused(
+        result,
+        f'there is no checkpoint in "{out}": nothing was reached there yet, or it is not the '
+        "folder of a test at finite deformation; start with cruciform-petsc run CASE",
+    )
+    result = cruciform_petsc(0, "resume", out, "--set", "test.increments=3")
+    assert_refused(
+        result,
+        f'the case comes from the checkpoint in "{out}"; --set and --output go with the case '
+        "file: cruciform-petsc resume CASE",
+    )
+    result = cruciform_petsc(0, "resume", case, "--set", "test.finite=false")
+    assert_refused(
+        result,
+        "a test at small displacements is one system of equations and has no checkpoints, begin "
+        f"anew with cruciform-petsc run {case}",
+    )
+
+
+def test_nothing_reached_yet(case, tmp_path, wanted):
+    """By the case file it is known what to do: what `run` does."""
+    out = tmp_path / "out"
+    result = cruciform_petsc(0, "resume", case, "--output", out)
+    assert result.returncode == 0, result.stderr
+    assert f'nothing was reached in "{out}" yet, so it begins at rest' in result.stdout
+    for row, row_wanted in zip(curve(out), wanted, strict=True):
+        assert row == pytest.approx(row_wanted, rel=1e-9, abs=1e-15)
+
+
+def test_two_runs_in_one_folder(case, tmp_path):
+    """The second is refused."""
+    out = tmp_path / "out"
+    out.mkdir()
+    handle = os.open(out, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    told = (
+        f'another run is writing to "{out}": wait for it to end, or give this one another folder '
+        "with --output"
+    )
+    result = cruciform_petsc(0, "run", case, "--output", out, "--quiet")
+    assert_refused(result, told)
+    os.close(handle)
+
+
+def test_run_puts_an_unfinished_run_aside(case, tmp_path):
+    out = tmp_path / "out"
+    assert interrupted(case, out, signal.SIGINT, 3).returncode == 130
+    result = interrupted(case, out, signal.SIGINT, 3)
+    assert result.returncode == 130
+    assert (out / "checkpoint.old" / "newest").exists()
+    result = cruciform_petsc(0, "resume", out)
+    assert result.returncode == 0
+    assert not (out / "checkpoint.old").exists()

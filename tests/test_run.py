@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""From case files to results: every kind of test, its summary, and tests that end early."""
+
+import csv
+import json
+import logging
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from cruciform_petsc.case import Case
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.network import Network
+from cruciform_petsc.output.figures import control_text, net_kinematics
+from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
+from cruciform_petsc.solvers.nonlinear import EquilibriumError
+
+LOG = logging.getLogger("test_run")
+SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}
+
+
+def case(kind="bias-extension", size=("2.4 cm", "3.6 cm"), bias="45 deg", **test):
+    """A small specimen of Table 1's fabric without pictures; further tables under their names."""
+    data = {
+        "fabric": {"use": "e-glass-plain-2.4"},
+        "preform": {"outline": {"rectangle": list(size)}, "bias_angle": bias},
+        "output": {"pictures": False},
+    }
+    data |= {name: test.pop(name) for name in ("fabric", "continuum", "output") if name in test}
+    return Case.from_data(data | {"test": {"kind": kind, **test}})
+
+
+def run(comm, tmp_path, made):
+    """The summary as it is on disk."""
+    run_case(comm, made, tmp_path, LOG)
+    return json.loads((tmp_path / "summary.json").read_text())
+
+
+def table(path):
+    """Columns of a CSV file; NaN where a field is empty."""
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    rows = [[field or "nan" for field in row] for row in rows]
+    return dict(zip(header, np.array(rows, float).T, strict=True))
+
+
+SQUARE = {"size": ("3 cm", "3 cm"), "bias": "0 deg"}
+KINDS = {
+    "bias-extension": {"extension": ["0.02 mm", "0.04 mm"], "bending": False},
+    "off-axis-tension": {
+        "extension": ["0.02 mm", "0.04 mm"],
+        "bending": False,
+        "bias": "30 deg",
+        "ends": "free",
+    },
+    "pantograph": {"extension": ["0.02 mm", "0.04 mm"], "bending": False},
+    "picture-frame": {"angle": ["0.1 deg", "0.2 deg"], **SQUARE},
+    "biaxial": {"strain": ["0.01 %", "0.02 %"], "ratio": 0.5, **SQUARE},
+    "cantilever": {"load": ["1 mN", "2 mN"], **SQUARE},
+}
+PULLED = ("bias-extension", "off-axis-tension", "pantograph")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind(tmp_path, kind):
+    """Small and finite deformation leave the same figures, alike where deformation is small."""
+    both = []
+    for finite in (False, True):
+        folder = tmp_path / str(finite)
+        folder.mkdir()
+        both.append(run(MPI.COMM_SELF, folder, case(kind, finite=finite, **KINDS[kind])))
+        curve = table(folder / "curve.csv")
+        assert len(curve["load_N"]) == 2
+        assert both[-1]["load_n"] == pytest.approx(curve["load_N"])
+        for name in ("series.vtkhdf", "network.vtkhdf"):
+            assert (folder / name).exists()
+        assert (folder / "increments.csv").exists() == finite
+        assert (folder / "centre_line.csv").exists() == (kind in PULLED)
+    small, large = both
+    assert (small["kind"], small["finite"], large["finite"]) == (kind, False, True)
+    assert {"increments", "newton_iterations_per_increment"} <= set(large)
+    # They differ by the extension over the length that shears, a third of a hundredth; in bending
+    # by the elements, whose yarns bend at crossovers only at finite deformation.
+    rel = 3e-2 if kind == "cantilever" else 1e-2
+    for key in ("load_n", "extension_m"):
+        assert large[key] == pytest.approx(small[key], rel=rel), key
+    energies = [sum(energy[1] for energy in s["energy_j"].values()) for s in both]
+    assert energies[1] == pytest.approx(energies[0], rel=rel)
+    assert energies[0] > 0.0
+    # Work of the load on its way; a cantilever's is told by the mean displacement of its end, over
+    # which the load is spread by yarns (0.1 %).
+    work = 0.5 * small["load_n"][1] * small["extension_m"][1]
+    assert energies[0] == pytest.approx(work, rel=2e-3 if kind == "cantilever" else 1e-5)
+
+
+def test_picture_frame_against_its_closed_form(tmp_path):
+    """F = L psi'/sin(45 deg - gamma/2), without bending; the columns that engineers ask for."""
+    fabric = {"use": "e-glass-plain-2.4", "shear": SHEAR}
+    made = case("picture-frame", finite=True, angle=["20 deg", "45 deg"], fabric=fabric, **SQUARE)
+    summary = run(MPI.COMM_SELF, tmp_path, made)
+    gamma = np.deg2rad([20.0, 45.0])
+    torque = 1e3 * (0.1 * gamma + 0.2 * gamma**3)
+    force = 0.03 * torque / np.sin(0.25 * np.pi - 0.5 * gamma)
+    # Crossovers do not reach into the frame's corners: the cloth covers a little less (0.1 %).
+    assert summary["load_n"] == pytest.approx(force, rel=1e-2)
+    assert summary["angle_deg"] == pytest.approx([20.0, 45.0])
+    diagonal = 0.06 * np.cos(0.25 * np.pi - 0.5 * gamma)
+    assert summary["crosshead_mm"] == pytest.approx(1e3 * (diagonal - 0.03 * np.sqrt(2.0)))
+    assert summary["shear_force_n_per_mm"] == pytest.approx(1e-3 * force / diagonal, rel=1e-2)
+
+
+def test_single_values_are_no_lists(tmp_path):
+    summary = run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="2 mm"))
+    for key in ("load_n", "extension_m", "shear_max_deg", "shear_middle_deg"):
+        assert isinstance(summary[key], float)
+    assert not (tmp_path / "series.vtkhdf").exists()
+
+
+def test_loads_at_finite_deformation(tmp_path):
+    """A case may ask for loads; the summary has the extensions."""
+    made = case(finite=True, load=["1 N", "3 N"])
+    summary = run(MPI.COMM_SELF, tmp_path, made)
+    assert summary["load_n"] == pytest.approx([1.0, 3.0], rel=1e-8)
+    assert 0.0 < summary["extension_m"][0] < summary["extension_m"][1]
+    again = case(finite=True, extension=[f"{x} m" for x in summary["extension_m"]])
+    assert run(MPI.COMM_SELF, tmp_path, again)["load_n"] == pytest.approx([1.0, 3.0], rel=1e-6)
+
+
+def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
+    """Every accepted increment, asked for or not."""
+    with caplog.at_level(logging.INFO, LOG.name):
+        made = case(finite=True, extension=["1 mm", "3 mm"], increments=6)
+        summary = run(MPI.COMM_SELF, tmp_path, made)
+    steps = table(tmp_path / "increments.csv")
+    assert steps["extension_mm"] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
+    assert steps["asked"].tolist() == [0, 1, 0, 0, 0, 1]
+    assert (steps["residual_N"] <= steps["tolerance_N"]).all()
+    assert [step["load_n"] for step in summary["increments"]] == steps["load_N"].tolist()
+    assert summary["newton_iterations_per_increment"] == steps["newton_iterations"].mean()
+    lines = [r.getMessage() for r in caplog.records if "Newton iterations" in r.getMessage()]
+    assert len(lines) == 6 + 1
+    assert "extension 0.5 mm" in lines[0]
+    assert f"load {steps['load_N'][0]:.5g}" in " ".join(lines[0].split())
+
+
+# -- tests that end early --------------------------------------------------------------------------
+
+
+def test_what_was_reached_is_kept(tmp_path):
+    """Compressed beyond what it can be: the sentence, and all increments up to there on disk."""
+    made = case(finite=True, extension=["-5 mm", "-40 mm"])
+    with pytest.raises(EquilibriumError, match="no equilibrium beyond the last one found, at ext"):
+        run_case(MPI.COMM_SELF, made, tmp_path, LOG)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "at extension -" in summary["ended_early"]
+    assert summary["extension_m"][0] == pytest.approx(-5e-3)
+    assert len(table(tmp_path / "curve.csv")["load_N"]) == len(summary["load_n"])
+    assert (tmp_path / "network.vtkhdf").exists()
+    steps = table(tmp_path / "increments.csv")
+    assert steps["extension_mm"].min() < -10.0
+    assert len(steps["load_N"]) == len(summary["increments"])
+
+
+def test_also_if_no_value_asked_for_was_reached(tmp_path):
+    made = case(finite=True, extension="-40 mm")
+    with pytest.raises(EquilibriumError):
+        run_case(MPI.COMM_SELF, made, tmp_path, LOG)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "at extension -" in summary["ended_early"]
+    assert table(tmp_path / "increments.csv")["extension_mm"].min() < -10.0
+
+
+# -- warnings --------------------------------------------------------------------------------------
+
+
+def warned(made):
+    experiment = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric()))
+    return warnings(experiment.solve())
+
+
+def test_beyond_the_table():
+    points = [[5.0, 0.01], [10.0, 0.03]]
+    law = {"law": "table", "angle": "deg", "force": "N/mm", "points": points}
+    fabric = {"use": "e-glass-plain-2.4", "shear": law, "tension": {"compression": 0.1}}
+    (sentence,) = warned(case(finite=True, extension="4 mm", fabric=fabric))
+    assert "beyond the last point of the shear law's table at 10.0 deg" in sentence
+    assert warned(case(finite=True, extension="0.5 mm", fabric=fabric)) == []
+    (sentence,) = warned(case(extension="0.5 mm", fabric=fabric))
+    assert "only the moduli at rest act, not the shear law and the softening" in sentence
+
+
+def test_yarns_under_strains_that_they_do_not_stand():
+    first, second = warned(case(finite=True, extension="40 mm"))
+    assert first.startswith("yarns are compressed by up to")
+    assert second.startswith("yarns are stretched by up to")
+    assert warned(case(extension="40 mm")) == []
+
+
+# -- the continuum ---------------------------------------------------------------------------------
+
+
+def test_finite_membrane(tmp_path):
+    """Loads and shear angles at each value asked for."""
+    made = case(
+        size=("4 cm", "8 cm"), finite=True, bending=False, extension=["2 mm", "8 mm"],
+        continuum={"compare": True, "mesh_size": "10 mm"},
+        output={"pictures": True},
+    )  # fmt: skip
+    summary = run(MPI.COMM_SELF, tmp_path, made)
+    continuum = summary["continuum"]
+    # 130 crossovers: bounds for slips in what is compared, not for how fine the network is.
+    assert continuum["load_ratio"] == pytest.approx([1.0, 1.0], abs=0.15)
+    assert max(continuum["mean_abs_shear_deg"]) < 3.0
+    assert continuum["load_ratio"] == pytest.approx(
+        np.divide(summary["load_n"], continuum["load_n"])
+    )
+    columns = table(tmp_path / "continuum.csv")
+    assert columns["load_membrane_N"] == pytest.approx(continuum["load_n"])
+    for name in ("load_against_extension", "zones", "stages", "shear_map", "centre_line"):
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("kind", ["picture-frame", "biaxial", "cantilever"])
+@pytest.mark.parametrize("key", ["compare", "ladder"])
+def test_kinds_without_a_membrane(tmp_path, kind, key):
+    continuum = {key: True if key == "compare" else [1, 2]}
+    made = case(kind, **KINDS[kind], continuum=continuum)
+    sentence = f'continuum.{key}: there is no membrane to compare test.kind = "{kind}" with'
+    for call in (
+        lambda: run_case(MPI.COMM_SELF, made, tmp_path, LOG),
+        lambda: check_case(MPI.COMM_SELF, made, LOG),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_free_ends_have_no_membrane(tmp_path):
+    kind = "off-axis-tension"
+    made = case(kind, **KINDS[kind], continuum={"compare": True})
+    with pytest.raises(InputError, match='needs gripped ends, leave it out or set test.ends = "g'):
+        run_case(MPI.COMM_SELF, made, tmp_path, LOG)
+
+
+# -- small parts -----------------------------------------------------------------------------------
+
+
+def test_controls_for_people():
+    texts = {
+        "bias-extension": "extension 12.5 mm",
+        "picture-frame": "angle 0.7162 deg",
+        "biaxial": "warp strain 1.25 %",
+        "cantilever": "load 12.5 mN",
+    }
+    for kind, text in texts.items():
+        made = case(kind, **KINDS[kind])
+        network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
+        assert control_text(make_experiment(made, network), 0.0125) == text
+    assert control_text(make_experiment(made, network), 3.0) == "load 3 N"
+
+
+def test_kinematics_of_an_inextensible_net():
+    """90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)), to where the net locks; only where it holds."""
+
+    def angle(extension, **changes):
+        made = case(**({"size": ("2 cm", "6 cm"), "extension": "1 mm"} | changes))
+        network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
+        return net_kinematics(make_experiment(made, network).solve(), np.array(extension))
+
+    locked = 0.04 * (np.sqrt(2.0) - 1.0)
+    np.testing.assert_allclose(angle([0.0, locked * (1 - 1e-12)]), [0.0, 90.0], atol=1e-4)
+    # Of d = L0 (sqrt(2) cos(45 deg - gamma/2) - 1):
+    d = 0.04 * (np.sqrt(2.0) * np.cos(np.deg2rad(45.0 - 15.0)) - 1.0)
+    np.testing.assert_allclose(angle([d]), [30.0])
+    assert np.isnan(angle([0.02])[0])
+    for changes in ({"size": ("2 cm", "3.9 cm")}, {"bias": "40 deg"}, {"upper": "centre-line"}):
+        assert angle([0.0], **changes) is None
