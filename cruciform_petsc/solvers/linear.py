@@ -49,6 +49,8 @@ YARN_MULTIGRID = ITERATIVE | {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "cholesky",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    # Room for MUMPS' work arrays, per cent: in parallel it sometimes needs more than it foresees.
+    "mg_coarse_mat_mumps_icntl_14": 300,
 }
 # What the paper's separate systems need: singular matrices and loads that they cannot carry whole.
 # LSQR from zero gives the solution of least squares with the smallest norm.
