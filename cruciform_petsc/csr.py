@@ -7,6 +7,7 @@ import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -35,7 +36,7 @@ class LocalRows:
 
 @numba.njit(cache=True)
 def gather(values, source, result):
-    """result = values[source]; ten times faster than numpy.take, which buffers and checks."""
+    """Write values[source] to result: ten times faster than numpy.take, which buffers."""
     for k in range(len(source)):
         result[k] = values[source[k]]
     return result
@@ -168,7 +169,7 @@ def _library() -> ctypes.CDLL:
 def _view(address: int | None, size: int, dtype: np.dtype) -> np.ndarray:
     if not size or address is None:
         return np.zeros(0, dtype)
-    buffer = (ctypes.c_char * (size * dtype.itemsize)).from_address(address)
+    buffer: Any = (ctypes.c_char * (size * dtype.itemsize)).from_address(address)
     return np.frombuffer(buffer, dtype)
 
 
@@ -197,8 +198,10 @@ class Halo:
         self._in = np.flatnonzero(wanted)
         self._out = np.flatnonzero(asked)
         self._in_count, self._out_count = wanted[self._in], asked[self._out]
-        self._graph = comm.Create_dist_graph_adjacent(self._in.tolist(), self._out.tolist())
-        self._back = comm.Create_dist_graph_adjacent(self._out.tolist(), self._in.tolist())
+        sources: Any = self._in.tolist()
+        targets: Any = self._out.tolist()
+        self._graph = comm.Create_dist_graph_adjacent(sources, targets)
+        self._back = comm.Create_dist_graph_adjacent(targets, sources)
         out = np.empty(int(asked.sum()), np.int64)
         self._back.Neighbor_alltoallv(
             [np.ascontiguousarray(ghost), self._in_count], [out, self._out_count]

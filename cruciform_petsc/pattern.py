@@ -199,8 +199,8 @@ def _incidence(begin, nodes, size):
 
 
 @numba.njit(cache=True)
-def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, extra_start, extra, pointer,
-                column):  # fmt: skip
+def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, extra_start, extra,
+                pointer, column):  # fmt: skip
     """Columns of each row: every node it shares an element with, itself, and extra ones.
 
     With an empty ``column`` only the pointer is found.

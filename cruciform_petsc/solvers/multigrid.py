@@ -191,7 +191,7 @@ def _lines(network: Network, lattice: np.ndarray, warp: np.ndarray):
 
 @numba.njit(cache=True)
 def _corner(r, di, dj, c, step, share, values, slopes):
-    """Weight of a corner of row r's cell for component c: (bilinear, of the value, of the slope)."""
+    """Weights of a corner of row r's cell for component c: bilinear, the value's, the slope's."""
     wi = share[r, 0] if di else 1.0 - share[r, 0]
     wj = share[r, 1] if dj else 1.0 - share[r, 1]
     turn = 0.0
@@ -225,7 +225,6 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
     """
     size = 0
     for r in range(len(cell)):
-        begin = size
         for c in range(3):
             lost, total, first = 0.0, 0.0, size
             for di in range(2):
@@ -322,7 +321,9 @@ def _interpolation(
     number[component, i, j] = answer
     most = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column, code, weight = np.empty(most, _INT), np.empty(most, np.uint8), np.empty(most)
+    column: np.ndarray = np.empty(most, _INT)
+    code: np.ndarray = np.empty(most, np.uint8)
+    weight: np.ndarray = np.empty(most)
     size = _rows(*given, number, pointer, column, code, weight)
     column, code, weight = column[:size], code[:size], weight[:size]
     by_corner = _Step(cell, pointer, code, weight.copy(), number, low)
@@ -422,9 +423,9 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
                 for t in range(pointer[c], pointer[c + 1]):
                     window[np.uint64(base + at4[code[t]])] += value * weight[t]
         for t in range(pointer[r], pointer[r + 1]):
-            k = np.int64(code[t])
-            di, dj = (k // 2) % 2, k % 2
-            stencil = row[k // 4, ci + di, cj + dj]
+            corner = np.int64(code[t])
+            di, dj = (corner // 2) % 2, corner % 2
+            stencil = row[corner // 4, ci + di, cj + dj]
             w = weight[t]
             for oi in range(4):
                 begin = np.uint64(((oi - di + 1) * 5 + 1 - dj) * nc)
