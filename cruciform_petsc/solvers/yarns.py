@@ -463,7 +463,8 @@ class YarnSmoother:
                     part.ghost_value, num_ghost,
                 )  # fmt: skip
                 owner = halo.ghost_owner
-            local = _Local(pointer, column, value, n, owner, comm.rank, halo, max(matrix.getBlockSize(), 1))
+            block = max(matrix.getBlockSize(), 1)
+            local = _Local(pointer, column, value, n, owner, comm.rank, halo, block)
             self.families = [
                 _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
                 for f in (0, 1)
