@@ -211,44 +211,47 @@ class LinearNetwork:
             self._pattern = BlockPattern(
                 self.network, [self.network.arm_node], self.unknowns_per_node
             )
-            self._layout = self._pattern.layout(self._nonzero())
-        blocks = self._pattern.empty_blocks()
+            self._layout = self._pattern.layout(self._nonzero(self._pattern))
+        pattern = self._pattern
+        blocks = pattern.empty_blocks()
         for group, (matrix, _) in zip(self.groups, self._condense(modes), strict=True):
-            self._add(blocks, group, matrix)
+            self._add(pattern, blocks, group, matrix)
         d, owned = self.unknowns_per_node, self.network.num_nodes_owned
         diagonal = np.arange(d)
-        blocks[self._pattern.diagonal[:, None], diagonal, diagonal] += np.where(
+        blocks[pattern.diagonal[:, None], diagonal, diagonal] += np.where(
             self.free[:owned], 0.0, self.typical_stiffness
         )
-        result = self._pattern.matrix(blocks, reuse, self._layout)
+        result = pattern.matrix(blocks, reuse, self._layout)
         result.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         result.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         result.setOption(PETSc.Mat.Option.SPD, set(modes) == set(self.modes))
         return result
 
-    def _add(self, blocks: np.ndarray, group: _Group, matrix: np.ndarray) -> None:
+    def _add(
+        self, pattern: BlockPattern, blocks: np.ndarray, group: _Group, matrix: np.ndarray
+    ) -> None:
         """Add a group's matrices (m or 1, k, k) to blocks, without what is not free."""
         free = self._element_values(group, self.free)
         masked = np.ones(len(free), bool)
         if group.turn is None:  # away from the outline few, if any, unknowns are not free
             masked[:] = ~free.all(axis=1)
-            self._pattern.add(blocks, group.rows[~masked], matrix)
+            pattern.add(blocks, group.rows[~masked], matrix)
             free = free[masked]
         free = free.astype(matrix.dtype)
         matrix = matrix * free[:, :, None] * free[:, None, :]
-        self._pattern.add(blocks, group.rows[masked], matrix)
+        pattern.add(blocks, group.rows[masked], matrix)
 
-    def _nonzero(self) -> np.ndarray:
+    def _nonzero(self, pattern: BlockPattern) -> np.ndarray:
         """Blocks that are not zero where the matrix of all modes or of any one may be. Collective.
 
         In the yarn frame two fifths of the entries are zero, whatever the moduli.
         """
-        blocks = self._pattern.empty_blocks(bool)
-        blocks[self._pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
+        blocks = pattern.empty_blocks(bool)
+        blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
         each = [self._condense(modes) for modes in (self.modes, *((m,) for m in self.modes))]
         for group, *pairs in zip(self.groups, *each, strict=True):
-            self._add(blocks, group, np.any([matrix != 0 for matrix, _ in pairs], axis=0))
-        return self._pattern.collect(blocks)
+            self._add(pattern, blocks, group, np.any([matrix != 0 for matrix, _ in pairs], axis=0))
+        return pattern.collect(blocks)
 
     @property
     def typical_stiffness(self) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from .csr import aij, write_values
+from .csr import aij, gather, write_values
 from .exchange import GhostExchange
 
 _INT = np.dtype(PETSc.IntType).type
@@ -41,7 +41,7 @@ class Layout:
     """Which entries of the blocks a matrix holds, in compressed rows.
 
     rows, columns : PETSc's integers; columns are global.
-    source : int64, place of each entry in the flattened array of blocks.
+    source : uint32 (uint64 if need be), place of each entry in the flattened array of blocks.
     """
 
     rows: np.ndarray
@@ -107,12 +107,16 @@ class BlockPattern:
         keep : bool (num_blocks, d, d) or array of that size whose entries count if not zero.
         """
         if keep is not None:
-            return Layout(*_layout(self._start, self._column, self.block, keep, False))
+            return self._new_layout(keep, False)
         if self._dense is None:
-            d = self.block
-            whole = np.ones((1, d, d), bool)
-            self._dense = Layout(*_layout(self._start, self._column, d, whole, True))
+            self._dense = self._new_layout(np.ones((1, self.block, self.block), bool), True)
         return self._dense
+
+    def _new_layout(self, keep: np.ndarray, whole: bool) -> Layout:
+        d = self.block
+        small = self.num_blocks * d * d < 2**32
+        source = np.zeros(0, np.uint32 if small else np.uint64)
+        return Layout(*_layout(self._start, self._column, d, keep, whole, source))
 
     def empty_blocks(self, dtype: type = float) -> np.ndarray:
         """Zero blocks (owned ones, then ghost rows) to add element matrices to."""
@@ -124,7 +128,8 @@ class BlockPattern:
 
         To blocks of type bool: note which entries are not zero.
         """
-        _add(blocks, self.slots[0], rows, np.ascontiguousarray(matrices), self.block)
+        add = _mark if blocks.dtype == bool else _add
+        add(blocks, self.slots[0], rows, np.ascontiguousarray(matrices), self.block)
 
     def collect(self, blocks: np.ndarray) -> np.ndarray:
         """Move ghost rows to their owners, in place. Collective."""
@@ -149,7 +154,7 @@ class BlockPattern:
             write_values(reuse, blocks, layout.columns, layout.source)
             return reuse
         local = self.block * self.nodes.num_nodes_owned
-        values = blocks.reshape(-1).take(layout.source)
+        values = gather(blocks.reshape(-1), layout.source, np.empty(len(layout.source)))
         return aij(self.comm, (local, local), layout.rows, layout.columns, values, self.block)
 
 
@@ -194,8 +199,8 @@ def _incidence(begin, nodes, size):
 
 
 @numba.njit(cache=True)
-def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, extra_start, extra, pointer,
-                column):  # fmt: skip
+def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, extra_start, extra,
+                pointer, column):  # fmt: skip
     """Columns of each row: every node it shares an element with, itself, and extra ones.
 
     With an empty ``column`` only the pointer is found.
@@ -275,7 +280,7 @@ def _slots(connectivity, number, start, column):
 
 
 @numba.njit(cache=True)
-def _layout(start, column, d, keep, whole):
+def _layout(start, column, d, keep, whole, like):
     """Scalar compressed rows of block rows, and the place of each entry among the blocks."""
     n = len(start) - 1
     rows = np.zeros(n * d + 1, np.int64)
@@ -286,7 +291,7 @@ def _layout(start, column, d, keep, whole):
                 for j in range(d):
                     count += whole or keep[b, i, j] != 0
             rows[r * d + i + 1] = rows[r * d + i] + count
-    columns, source = np.empty(rows[-1], _INT), np.empty(rows[-1], np.int64)
+    columns, source = np.empty(rows[-1], _INT), np.empty(rows[-1], like.dtype)
     e = 0
     for r in range(n):
         for i in range(d):
@@ -311,3 +316,18 @@ def _add(blocks, slots, rows, matrices, d):
                 for i in range(d):
                     for j in range(d):
                         block[i, j] += matrices[m, d * p + i, d * q + j]
+
+
+@numba.njit(cache=True)
+def _mark(blocks, slots, rows, matrices, d):
+    """Note in blocks which entries of element matrices (m or 1, k d, k d) are not zero."""
+    k = slots.shape[1]
+    for e in range(len(rows)):
+        m = e if len(matrices) > 1 else 0
+        for p in range(k):
+            for q in range(k):
+                slot = slots[rows[e], p, q]
+                for i in range(d):
+                    for j in range(d):
+                        if matrices[m, d * p + i, d * q + j]:
+                            blocks[slot, i, j] = True

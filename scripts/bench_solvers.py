@@ -107,7 +107,8 @@ def compare(crossovers: float, direct: bool) -> None:
             f"one product with the matrix {1e3 * product_seconds:.2f} ms"
         )
     table = Table(
-        f"Solvers at {network.num_crossovers_global} crossovers on {COMM.size} rank(s), processor time",
+        f"Solvers at {network.num_crossovers_global} crossovers on {COMM.size} rank(s), "
+        "processor time",
         "solver", "set-up, s", "solution, s", "together, s", "iterations", "true residual",
         "in products", "memory, MiB", "times the yarn multigrid's", "wall clock, s",
     )  # fmt: skip

@@ -42,13 +42,15 @@ ITERATIVE = {
     "mg_levels_sub_pc_type": "icc",
     "mg_levels_sub_pc_factor_shift_type": "positive_definite",
 }
-YARN_MULTIGRID = ITERATIVE | {
+_STEPS = "mg_levels_ksp_max_it"
+YARN_MULTIGRID = {key: value for key, value in ITERATIVE.items() if key != _STEPS} | {
     "pc_type": "mg",
     "pc_mg_cycle_type": "v",
-    "mg_levels_ksp_max_it": 1,
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "cholesky",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    # Room for MUMPS' work arrays, per cent: in parallel it sometimes needs more than it foresees.
+    "mg_coarse_mat_mumps_icntl_14": 300,
 }
 # What the paper's separate systems need: singular matrices and loads that they cannot carry whole.
 # LSQR from zero gives the solution of least squares with the smallest norm.
@@ -180,6 +182,9 @@ class LinearSolver:
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
         self._smoother: Smoother | None = None
+        if kind == "mg":
+            # Coarse levels: incomplete factors that are cut between ranks take a second step.
+            options.setdefault(_STEPS, 1 if matrix.comm.size == 1 else 2)
         with petsc_options(prefix, options):
             self.ksp.setFromOptions()
             if kind == "mg" and multigrid is not None:

@@ -24,7 +24,6 @@ import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import coo_array
 
 from ..assembly import LinearNetwork
 from ..csr import Halo, LocalRows, aij, local_rows
@@ -205,7 +204,7 @@ def _lines(network: Network, lattice: np.ndarray, warp: np.ndarray):
 
 @numba.njit(cache=True)
 def _corner(r, di, dj, c, step, share, values, slopes):
-    """Weight of a corner of row r's cell for component c: (bilinear, of the value, of the slope)."""
+    """Weights of a corner of row r's cell for component c: bilinear, the value's, the slope's."""
     wi = share[r, 0] if di else 1.0 - share[r, 0]
     wj = share[r, 1] if dj else 1.0 - share[r, 1]
     turn = 0.0
@@ -239,7 +238,6 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
     """
     size = 0
     for r in range(len(cell)):
-        begin = size
         for c in range(3):
             lost, total, first = 0.0, 0.0, size
             for di in range(2):
@@ -336,7 +334,9 @@ def _interpolation(
     number[component, i, j] = answer
     most = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column, code, weight = np.empty(most, _INT), np.empty(most, np.uint8), np.empty(most)
+    column: np.ndarray = np.empty(most, _INT)
+    code: np.ndarray = np.empty(most, np.uint8)
+    weight: np.ndarray = np.empty(most)
     size = _rows(*given, number, pointer, column, code, weight)
     column, code, weight = column[:size], code[:size], weight[:size]
     by_corner = _Step(cell, pointer, code, weight.copy(), number, low)
@@ -436,9 +436,9 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
                 for t in range(pointer[c], pointer[c + 1]):
                     window[np.uint64(base + at4[code[t]])] += value * weight[t]
         for t in range(pointer[r], pointer[r + 1]):
-            k = np.int64(code[t])
-            di, dj = (k // 2) % 2, k % 2
-            stencil = row[k // 4, ci + di, cj + dj]
+            corner = np.int64(code[t])
+            di, dj = (corner // 2) % 2, corner % 2
+            stencil = row[corner // 4, ci + di, cj + dj]
             w = weight[t]
             for oi in range(4):
                 begin = np.uint64(((oi - di + 1) * 5 + 1 - dj) * nc)
@@ -562,15 +562,37 @@ def _with_contributions(comm, n, offset, row_number, part, other_number, sent):
     values = np.empty(len(places))
     comm.Alltoallv([np.stack([rows, column], axis=1), 2 * count], [places, 2 * receive])
     comm.Alltoallv([value, count], [values, receive])
-    shape = (n, int(ends[-1]))
-    own_rows = np.repeat(row_number - offset, np.diff(part[0]))
-    total = coo_array(
-        (
-            np.concatenate([part[2], values]),
-            (np.concatenate([own_rows, places[:, 0] - offset]),
-             np.concatenate([part[1], places[:, 1]])),
-        ),
-        shape=shape,
-    ).tocsr()  # fmt: skip
-    total.sort_indices()
-    return total.indptr, total.indices, total.data
+    _sort_rows(*part)
+    lengths = np.zeros(n, np.int64)  # rows that only others know of are empty here
+    lengths[row_number - offset] = np.diff(part[0])
+    part = np.concatenate([[0], np.cumsum(lengths)]), *part[1:]
+    order = np.lexsort((places[:, 1], places[:, 0]))
+    start = np.searchsorted(places[order, 0], offset + np.arange(n + 1))
+    return _merge_rows(*part, start, places[order, 1], values[order])
+
+
+@numba.njit(cache=True)
+def _merge_rows(pointer, column, value, extra_pointer, extra_column, extra_value):
+    """Sum of two matrices in compressed rows, columns ascending; the second's may repeat."""
+    n, size = len(pointer) - 1, 0
+    columns = np.empty(len(column) + len(extra_column), np.int64)
+    values = np.empty(len(columns))
+    start = np.zeros(n + 1, np.int64)
+    for r in range(n):
+        a, b = pointer[r], extra_pointer[r]
+        while a < pointer[r + 1] or b < extra_pointer[r + 1]:
+            own = b == extra_pointer[r + 1] or (
+                a < pointer[r + 1] and column[a] <= extra_column[b]
+            )
+            c, v = (column[a], value[a]) if own else (extra_column[b], extra_value[b])
+            if own:
+                a += 1
+            else:
+                b += 1
+            if size > start[r] and columns[size - 1] == c:
+                values[size - 1] += v
+            else:
+                columns[size], values[size] = c, v
+                size += 1
+        start[r + 1] = size
+    return start, columns[:size], values[:size]

@@ -200,7 +200,7 @@ def _factor(n, pointer, column, value, parent, start, factor_column, factor, inv
 @numba.njit(cache=True, fastmath={"contract"})
 def _forward(rows, outer, outer_column, outer_value, start, factor_column, factor, inverse,
              b, x, y, first):  # fmt: skip
-    """y = L^-1 (b - C x): right side without the family's own unknowns, and elimination."""
+    """Give y = L^-1 (b - C x): right side without the family's own unknowns, and elimination."""
     for k in range(len(inverse)):
         total = b[rows[k]]
         if not first:
@@ -216,7 +216,7 @@ def _forward(rows, outer, outer_column, outer_value, start, factor_column, facto
 @numba.njit(cache=True)
 def _joints_forward(n, rows, own, outer, outer_column, outer_value, start, factor_column, factor,
                     b, x, y, t):  # fmt: skip
-    """t = right side of the joints' Schur complement: this rank's part."""
+    """Give t, right side of the joints' Schur complement: this rank's part."""
     for s in range(len(rows)):
         total = 0.0
         if own[s]:
@@ -241,7 +241,7 @@ def _joints_backward(n, rows, start, factor_column, factor, x, y):
 
 @numba.njit(cache=True, fastmath={"contract"})
 def _backward(rows, start, factor_column, factor, inverse, x, y):
-    """x = L^-T y; y is used up."""
+    """Give x = L^-T y; y is used up."""
     for k in range(len(inverse) - 1, -1, -1):
         value = y[k] * inverse[k]
         x[rows[k]] = value
@@ -382,7 +382,7 @@ class _Family:
         blocks = np.zeros((len(node), d, d))
         _joint_blocks(n, inside, column, value, index, joints % d, self.start, self.column, factor,
                       blocks)  # fmt: skip
-        every = np.zeros((local.size // d, d, d))
+        every: np.ndarray = np.zeros((local.size // d, d, d))
         every[node] = blocks
         every = np.repeat(every, d, axis=0)  # the halo knows unknowns, not nodes
         local.halo.reverse(every)
@@ -451,15 +451,20 @@ class YarnSmoother:
             line = np.full((n + num_ghost, 2), -1, np.int32)
             place = np.zeros((n + num_ghost, 2))
             line[:n], place[:n] = lines.line, lines.place
-            rows: tuple[np.ndarray, ...] = (part.pointer, part.column, part.value)
+            pointer: np.ndarray = part.pointer
+            column: np.ndarray = part.column
+            value: np.ndarray = part.value
             owner = np.zeros(0, np.int64)
             if halo is not None:
                 halo.forward(line)
                 halo.forward(place)
-                rows = _merge(*rows, part.ghost_pointer, part.ghost_column, part.ghost_value,
-                              num_ghost)  # fmt: skip
+                pointer, column, value = _merge(
+                    pointer, column, value, part.ghost_pointer, part.ghost_column,
+                    part.ghost_value, num_ghost,
+                )  # fmt: skip
                 owner = halo.ghost_owner
-            local = _Local(*rows, n, owner, comm.rank, halo, max(matrix.getBlockSize(), 1))
+            block = max(matrix.getBlockSize(), 1)
+            local = _Local(pointer, column, value, n, owner, comm.rank, halo, block)
             self.families = [
                 _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
                 for f in (0, 1)
