@@ -34,6 +34,7 @@ DIRECT = {
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
+    "mat_mumps_icntl_14": 100,  # small systems on several ranks need more room than is foreseen
 }
 STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
 MEMORY = 2  # earlier steps whose energies may be reached again
@@ -392,6 +393,8 @@ class Equilibrium:
         answer = self._vector.duplicate()
         self.snes.setUp()
         self.snes.ksp.solve(right, answer)
+        if self.snes.ksp.getConvergedReason() < 0 and not np.isfinite(answer.norm()):
+            answer.set(0.0)  # a guess only
         moved = change + model.local(answer)
         force = model.times(self._blocks, moved)
         right.destroy()

@@ -51,22 +51,28 @@ class YarnLines:
         belong to one, those of ends on the outline to two.
     place : float (n, 2)
         Where on these yarns; ascending along them.
+    joint : bool (n,), optional
+        Where yarns are cut between ranks: arm ends. By default everywhere. Couplings across a cut
+        that pass a joint by are left out, as those between yarns are.
     """
 
     line: np.ndarray
     place: np.ndarray
+    joint: np.ndarray | None = None
 
 
 # -- kernels -----------------------------------------------------------------------------------
 
 
 @numba.njit(cache=True)
-def _split(rows, num_with_outer, position, line, pointer, column, value, outer_column, outer_value):
+def _split(rows, num_inner, num_with_outer, position, line, pointer, column, value, outer_column,
+           outer_value):  # fmt: skip
     """Lower triangle within the yarns, and couplings to the other family, of some rows.
 
     position (n_local,): place in the order of elimination; _OTHER in the other family, _BEYOND for
-    what no one here knows. Rows from ``num_with_outer`` on have no couplings to the other family.
-    What couplings to other yarns of the family have been adds to the diagonal.
+    what no one here knows. Rows from ``num_inner`` on are joints, those from ``num_with_outer`` on
+    have no couplings to the other family. What couplings to other yarns of the family have been
+    adds to the diagonal.
 
     Returns pointers of the two (rows + 1,), columns and values of the first; those of the second
     are written to what is given.
@@ -84,7 +90,11 @@ def _split(rows, num_with_outer, position, line, pointer, column, value, outer_c
         for e in range(pointer[r], pointer[r + 1]):
             c = column[e]
             p = position[c]
-            if value[e] == 0.0 or p == _BEYOND:
+            if value[e] == 0.0:
+                continue
+            if p == _BEYOND:
+                if k < num_inner:  # at joints the other rank sees to it
+                    extra += abs(value[e])
                 continue
             if p == _OTHER:
                 if k < num_with_outer:
@@ -309,7 +319,8 @@ def _merge(pointer, column, value, ghost_pointer, ghost_column, ghost_value, num
 class _Local:
     """A rank's part of the matrix: own rows, and of the ghosts' rows the columns of its own.
 
-    pointer, column, value: compressed rows over own unknowns, then ghosts. owner (n_ghost,).
+    pointer, column, value: compressed rows over own unknowns, then ghosts. owner (n_ghost,),
+    joint (n_local,).
     """
 
     pointer: np.ndarray
@@ -320,6 +331,7 @@ class _Local:
     rank: int
     halo: Halo | None
     block: int
+    joint: np.ndarray
 
     @property
     def size(self) -> int:
@@ -359,7 +371,7 @@ class _Family:
         outer_column = np.empty(len(local.column), np.int32)
         outer_value = np.empty(len(local.column), _REAL)
         inside, self.outer, column, value = _split(
-            rows, n + len(own), position, line, *given, outer_column, outer_value
+            rows, n, n + len(own), position, line, *given, outer_column, outer_value
         )
         self.outer_column = outer_column[: self.outer[-1]]
         self.outer_value = outer_value[: self.outer[-1]]
@@ -428,7 +440,8 @@ def _joints(local: _Local, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     def whole(unknowns: np.ndarray) -> np.ndarray:
         return (np.unique(unknowns // d)[:, None] * d + np.arange(d)).ravel()
 
-    return whole(own[higher]), whole(ghost[~higher])
+    mine, theirs = local.joint[own], local.joint[ghost]
+    return whole(own[higher & mine]), whole(ghost[~higher & theirs])
 
 
 class YarnSmoother:
@@ -449,6 +462,9 @@ class YarnSmoother:
             n, num_ghost = len(part.pointer) - 1, len(part.ghost)
             halo = Halo(comm, n, part.ghost) if comm.size > 1 else None
             line = np.full((n + num_ghost, 2), -1, np.int32)
+            joint = np.ones((n + num_ghost, 1), np.int32)
+            if lines.joint is not None:
+                joint[:n, 0] = lines.joint
             place = np.zeros((n + num_ghost, 2))
             line[:n], place[:n] = lines.line, lines.place
             pointer: np.ndarray = part.pointer
@@ -457,6 +473,7 @@ class YarnSmoother:
             owner = np.zeros(0, np.int64)
             if halo is not None:
                 halo.forward(line)
+                halo.forward(joint)
                 halo.forward(place)
                 pointer, column, value = _merge(
                     pointer, column, value, part.ghost_pointer, part.ghost_column,
@@ -464,7 +481,9 @@ class YarnSmoother:
                 )  # fmt: skip
                 owner = halo.ghost_owner
             block = max(matrix.getBlockSize(), 1)
-            local = _Local(pointer, column, value, n, owner, comm.rank, halo, block)
+            local = _Local(
+                pointer, column, value, n, owner, comm.rank, halo, block, joint[:, 0] > 0
+            )
             self.families = [
                 _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
                 for f in (0, 1)

@@ -19,6 +19,7 @@ COMM = MPI.COMM_WORLD
 SPECIMEN = Preform.rectangle("8 cm", "16 cm")
 
 
+@pytest.mark.three_ranks
 @pytest.mark.parametrize("bending", [False, True])
 def test_same_as_direct(bending):
     """Loads to the tolerance of equilibrium, 1e-8 of the forces and better."""
@@ -59,6 +60,7 @@ def iterations(model, x):
     return info.iterations
 
 
+@pytest.mark.three_ranks
 def test_tangent_at_45_degrees_of_shear():
     """At most 1.5 times the iterations of the flat cloth (measured: 8 or 9, then 9 to 11)."""
     network = Network(COMM, SPECIMEN, TABLE_1)
