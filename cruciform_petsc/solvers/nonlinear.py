@@ -151,6 +151,10 @@ class Equilibrium:
         settings |= DIRECT if kind in ("cholesky", "lu") else ITERATIVE | {"ksp_rtol": STEP}
         with petsc_options(prefix, {**settings, **options}):
             self.snes.setFromOptions()
+            if kind in ("cholesky", "lu"):
+                # A factorisation asks for its options when it is first made, and not before.
+                self.snes.ksp.setOperators(self._matrix)
+                self.snes.ksp.setUp()
         if kind == "mg":
             pc = self.snes.ksp.getPC()
             pc.setType(PETSc.PC.Type.PYTHON)
