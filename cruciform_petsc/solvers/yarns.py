@@ -458,10 +458,11 @@ class YarnSmoother:
             if halo is not None:
                 halo.forward(line)
                 halo.forward(place)
-                pointer, column, value = _merge(
+                merged: tuple[np.ndarray, ...] = _merge(
                     pointer, column, value, part.ghost_pointer, part.ghost_column,
                     part.ghost_value, num_ghost,
                 )  # fmt: skip
+                pointer, column, value = merged
                 owner = halo.ghost_owner
             block = max(matrix.getBlockSize(), 1)
             local = _Local(pointer, column, value, n, owner, comm.rank, halo, block)
