@@ -21,6 +21,7 @@ one joint to the next through a whole piece is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -451,7 +452,7 @@ class YarnSmoother:
             line = np.full((n + num_ghost, 2), -1, np.int32)
             place = np.zeros((n + num_ghost, 2))
             line[:n], place[:n] = lines.line, lines.place
-            pointer: np.ndarray = part.pointer
+            pointer: Any = part.pointer
             column: np.ndarray = part.column
             value: np.ndarray = part.value
             owner = np.zeros(0, np.int64)
