@@ -21,7 +21,6 @@ one joint to the next through a whole piece is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numba
 import numpy as np
@@ -452,10 +451,10 @@ class YarnSmoother:
             line = np.full((n + num_ghost, 2), -1, np.int32)
             place = np.zeros((n + num_ghost, 2))
             line[:n], place[:n] = lines.line, lines.place
-            pointer: Any = part.pointer
+            pointer: np.ndarray = part.pointer
             column: np.ndarray = part.column
             value: np.ndarray = part.value
-            owner = np.zeros(0, np.int64)
+            owner: np.ndarray = np.zeros(0, np.int64)
             if halo is not None:
                 halo.forward(line)
                 halo.forward(place)
