@@ -470,15 +470,16 @@ class YarnSmoother:
             pointer: np.ndarray = part.pointer
             column: np.ndarray = part.column
             value: np.ndarray = part.value
-            owner = np.zeros(0, np.int64)
+            owner: np.ndarray = np.zeros(0, np.int64)
             if halo is not None:
                 halo.forward(line)
                 halo.forward(joint)
                 halo.forward(place)
-                pointer, column, value = _merge(
+                merged: tuple[np.ndarray, ...] = _merge(
                     pointer, column, value, part.ghost_pointer, part.ghost_column,
                     part.ghost_value, num_ghost,
                 )  # fmt: skip
+                pointer, column, value = merged
                 owner = halo.ghost_owner
             block = max(matrix.getBlockSize(), 1)
             local = _Local(
