@@ -213,6 +213,11 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
 
         run_case(comm, checkpoint.case, directory, log, checkpoint)
         return
+    if args.command == "compare":
+        from .compare import compare_command
+
+        compare_command(comm, args.a, args.b, args.output, log)
+        return
     case = Case.load_collective(comm, args.case, args.set)
     if args.command == "check":
         _start_petsc(petsc_options)
@@ -381,6 +386,24 @@ def _parser() -> _Parser:
         loudness = sub.add_mutually_exclusive_group()
         loudness.add_argument("--quiet", action="store_true", help="log warnings only")
         loudness.add_argument("--verbose", action="store_true", help="log more")
+    sub = commands.add_parser(
+        "compare",
+        help="two results, or a result and a measured curve: curves and differences",
+        description="Lay two curves over each other and tell how far they are apart.\n"
+        "A and B are folders of results, or CSV files of a measured displacement and force.",
+        epilog="Example: cruciform-petsc compare results/finite_bias_extension "
+        "demos/glass_pp_bias.csv",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    sub.add_argument("a", metavar="A", help="a folder of results, or a measured curve (CSV)")
+    sub.add_argument("b", metavar="B", help="another; differences are relative to this one")
+    sub.add_argument(
+        "--output", metavar="DIR", default="comparison", help="where to write (comparison)"
+    )
+    loudness = sub.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="log warnings only")
+    loudness.add_argument("--verbose", action="store_true", help="log more")
     commands.add_parser(
         "fabrics",
         help="list the library of fabrics",

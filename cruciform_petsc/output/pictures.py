@@ -367,6 +367,46 @@ def curves(
     )
 
 
+def overlaid(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]],
+) -> None:
+    """Draw curves over each other, in panels side by side.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    panels : sequence of (labels of the axes, curves)
+        Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
+    """
+
+    def draw() -> Figure:
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(4.6 * len(panels) + 0.6, 4.1), layout="constrained")
+        every = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (names, lines) in zip(every, panels, strict=True):
+            _plain_axes(axes, names, "")
+            for i, (label, ((x, y), as_points)) in enumerate(lines.items()):
+                style = {"color": COLOURS[i], "clip_on": False, "zorder": 4 - i}
+                style |= (
+                    {"linestyle": "", "marker": MARKERS[i], "fillstyle": "none", "markersize": 5}
+                    if as_points
+                    else {"linestyle": DASHES[i]}
+                )
+                # Without a dollar or a leading underscore that mean something to matplotlib.
+                literal = label.replace("$", r"\$").lstrip("_")
+                axes.plot(x, y, label=literal, **style)
+            _include_zero(axes)
+        handles, texts = every[0].get_legend_handles_labels()
+        figure.legend(handles, texts, loc="outside upper left", frameon=False)
+        return figure
+
+    _save(comm, path, draw)
+
+
 def zones(
     comm: MPI.Intracomm, path: str | Path, lines: Curves, thin: Curves, title: str = ""
 ) -> None:
@@ -515,10 +555,14 @@ def _curve_axes(labels: tuple[str, str], title: str) -> tuple[Figure, Axes]:
 
     figure = Figure(figsize=(5.4, 3.7), layout="constrained")
     axes = figure.subplots()
+    _plain_axes(axes, labels, title)
+    return figure, axes
+
+
+def _plain_axes(axes: Axes, labels: tuple[str, str], title: str) -> None:
     axes.set(xlabel=labels[0], ylabel=labels[1], title=title)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="0.9", linewidth=0.6)
-    return figure, axes
 
 
 def _line(i: int, points: int) -> dict[str, Any]:
