@@ -154,7 +154,7 @@ class YarnTable(_Table):
 
     # before modulus, whose check asks for it
     tension: TensionLawTable | None = Field(
-        None, description="A law in place of the modulus; needs poisson = 0 (docs/laws.md)."
+        default=None, description="A law in place of the modulus; needs poisson = 0 (docs/laws.md)."
     )
     modulus: Annotated[str, _quantity("N/m")] | None = Field(
         default=None,
@@ -171,7 +171,7 @@ class YarnTable(_Table):
         description="Yarns per length across them.", examples=["2.4 /cm"]
     )
     yarn_bending: Annotated[str, _quantity("N*m**2")] = Field(
-        "0 N mm^2",
+        default="0 N mm^2",
         description="In-plane flexural rigidity of one yarn. Above zero for test.bending = true.",
         examples=["0.6 N mm^2"],
     )
@@ -192,24 +192,26 @@ class ShearTable(_Table):
     """[fabric] shear: a modulus, or a law with its own keys, which `Fabric.from_table` checks."""
 
     modulus: Annotated[str, _quantity("N/m")] | None = Field(
-        None, description="Of a linear law. Either this or law.", examples=["0.96 N/cm"]
+        default=None, description="Of a linear law. Either this or law.", examples=["0.96 N/cm"]
     )
     law: Literal["table", "polynomial", "sin-potential"] | None = Field(
-        None, description="A law in place of the modulus (docs/laws.md)."
+        default=None, description="A law in place of the modulus (docs/laws.md)."
     )
     angle: Annotated[str, _unit("rad")] | None = Field(
-        None, description='Unit of the first column, with law = "table".', examples=["deg"]
+        default=None, description='Unit of the first column, with law = "table".', examples=["deg"]
     )
     force: Annotated[str, _unit("N/m")] | None = Field(
-        None, description='Unit of the second column, with law = "table".', examples=["N/mm"]
+        default=None,
+        description='Unit of the second column, with law = "table".',
+        examples=["N/mm"],
     )
     points: Pairs | None = Field(
-        None,
+        default=None,
         description='Shear angle and psi\', rising, with law = "table".',
         examples=[[[10, 0.01], [40, 0.2]]],
     )
     coefficients: Annotated[str | list[str], _quantities("N/m")] | None = Field(
-        None,
+        default=None,
         description='Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial", '
         'k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential".',
         examples=[["0.1 N/mm", "0.3 N/mm"]],
@@ -220,14 +222,14 @@ class TensionTable(_Table):
     """[fabric] tension: which strain, and what becomes of yarns in compression."""
 
     strain: Literal["engineering", "log"] = Field(
-        "engineering", description="Stretch less 1, or its logarithm."
+        default="engineering", description="Stretch less 1, or its logarithm."
     )
     compression: Number = Field(
-        1.0,
+        default=1.0,
         description="Stiffness of yarns in compression over that in tension. Above 0, at most 1.",
     )
     compression_width: Number = Field(
-        1e-4,
+        default=1e-4,
         description="Strain over which the stiffness falls. About buckling stress over modulus.",
     )
 
@@ -236,12 +238,12 @@ class FabricTable(_Table):
     """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
 
     use: str | None = Field(
-        None,
+        default=None,
         description="A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.",
         examples=["glass-pp-plain-1.93"],
     )
     warp: YarnTable | None = Field(
-        None,
+        default=None,
         description="Values of one's own, in place of use.",
         examples=[
             {
@@ -253,7 +255,7 @@ class FabricTable(_Table):
         ],
     )
     weft: YarnTable | None = Field(
-        None,
+        default=None,
         description="Beside warp, alike.",
         examples=[
             {
@@ -265,25 +267,27 @@ class FabricTable(_Table):
         ],
     )
     shear: ShearTable | None = Field(
-        None,
+        default=None,
         description="Beside warp and weft, or in place of the library's.",
         examples=[{"modulus": "0.96 N/cm"}],
     )
     tension: TensionTable | None = Field(
-        None,
+        default=None,
         description="Which strain, and yarns in compression; in place of the library's.",
         examples=[{"strain": "log", "compression": 0.01}],
     )
     areal_density: Annotated[str, _quantity("kg/m**2")] | None = Field(
-        None,
+        default=None,
         description="Mass of the yarns per area. For exports (docs/exports.md).",
         examples=["576 g/m^2"],
     )
     thickness: Annotated[str, _quantity("m")] | None = Field(
-        None, description="Of the cloth at rest. For exports.", examples=["0.5 mm"]
+        default=None, description="Of the cloth at rest. For exports.", examples=["0.5 mm"]
     )
     fibre_density: Annotated[str, _quantity("kg/m**3")] | None = Field(
-        None, description="Of what the yarns consist of. For exports.", examples=["2.5 g/cm^3"]
+        default=None,
+        description="Of what the yarns consist of. For exports.",
+        examples=["2.5 g/cm^3"],
     )
 
     @model_validator(mode="after")
@@ -307,17 +311,17 @@ class OutlineTable(_Table):
     """[preform] outline: a rectangle (width, length), or a polygon with holes."""
 
     rectangle: Point | None = Field(
-        None,
+        default=None,
         description="Width and length. x from -width/2 to width/2, y from 0 to the length.",
         examples=[["100 mm", "200 mm"]],
     )
     polygon: Ring | None = Field(
-        None,
+        default=None,
         description="Corners in order, in place of a rectangle. The body is pulled along y.",
         examples=[[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]],
     )
     holes: list[Ring] = Field(
-        [],
+        default=[],
         description="Corners of each hole.",
         examples=[[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]],
     )
@@ -339,12 +343,14 @@ class PreformTable(_Table):
     bias_angle: Annotated[str, _quantity("rad")] = Field(
         description="From the pull (y) to the warp.", examples=["45 deg"]
     )
-    refine: Count = Field(1, description="A finer net of the same fabric: pitch divided by this.")
+    refine: Count = Field(
+        default=1, description="A finer net of the same fabric: pitch divided by this."
+    )
     yarns_per_cruciform: Count = Field(
-        1, description="A coarser net: pitch times this. Not together with refine."
+        default=1, description="A coarser net: pitch times this. Not together with refine."
     )
     origin: Point | None = Field(
-        None,
+        default=None,
         description="A crossover's place. The default is the centre of the outline's bounding box.",
         examples=[["0 mm", "100 mm"]],
     )
@@ -361,10 +367,14 @@ class TestTable(_Table):
     along_the_yarns: ClassVar[bool] = False  # needs a rectangle whose sides the yarns follow
 
     kind: str = Field(description="Which experiment.")
-    finite: bool = Field(False, description="Large displacements, rotations and shear angles.")
-    bending: bool = Field(True, description="Yarns bend in the plane; false: they are hinged.")
+    finite: bool = Field(
+        default=False, description="Large displacements, rotations and shear angles."
+    )
+    bending: bool = Field(
+        default=True, description="Yarns bend in the plane; false: they are hinged."
+    )
     increments: Count | None = Field(
-        None,
+        default=None,
         description="Least number of steps to the last value, with finite = true. "
         "Steps are cut further where needed.",
         examples=[20],
@@ -407,12 +417,12 @@ class TestTable(_Table):
 
 
 _EXTENSION = Field(
-    None,
+    default=None,
     description="By which the upper edge is pulled, one value or a list. Either this or load.",
     examples=["10 mm"],
 )
 _LOAD = Field(
-    None,
+    default=None,
     description="Force on the upper edge, one value or a list. Either this or extension.",
     examples=["0.5 N"],
 )
@@ -423,12 +433,13 @@ class BiasExtensionTest(TestTable):
 
     kind: Literal["bias-extension"] = "bias-extension"
     upper: Literal["grip", "centre-line"] = Field(
-        "grip", description="What the upper edge is: a clamp, or the middle of a whole specimen."
+        default="grip",
+        description="What the upper edge is: a clamp, or the middle of a whole specimen.",
     )
     extension: Annotated[str | list[str], _quantities("m")] | None = _EXTENSION
     load: Annotated[str | list[str], _quantities("N")] | None = _LOAD
     model: Literal["coupled", "separate"] = Field(
-        "coupled",
+        default="coupled",
         description="One system, or the paper's three. Separate for small displacements only.",
     )
 
@@ -474,7 +485,7 @@ class OffAxisTensionTest(_OneSystemTest):
     extension: Annotated[str | list[str], _quantities("m")] | None = _EXTENSION
     load: Annotated[str | list[str], _quantities("N")] | None = _LOAD
     ends: Literal["grip", "free"] = Field(
-        "grip", description="Clamped, or free to contract and to slide across the pull."
+        default="grip", description="Clamped, or free to contract and to slide across the pull."
     )
 
 
@@ -509,7 +520,7 @@ class BiaxialTest(_OneSystemTest):
     strain: Annotated[str | list[str], _quantities("1", lambda e: e > -1.0, "more than -100 %")] = (
         Field(description="Of the warp, one value or a list. More than -100 %.", examples=["1 %"])
     )
-    ratio: Number = Field(1.0, description="Weft strain over warp strain.")
+    ratio: Number = Field(default=1.0, description="Weft strain over warp strain.")
 
     @model_validator(mode="after")
     def _both_lengths_positive(self) -> BiaxialTest:
@@ -576,18 +587,24 @@ class ContinuumTable(_Table):
     (`Case.second_gradient`).
     """
 
-    compare: bool = Field(False, description="Solve a membrane in dolfinx, too, and compare.")
+    compare: bool = Field(
+        default=False, description="Solve a membrane in dolfinx, too, and compare."
+    )
     second_gradient: bool | None = Field(
-        None,
+        default=None,
         description="Whether the membrane resists the bending of yarns. "
         "The default: where the network does and test.finite = true.",
         examples=[True],
     )
     mesh_size: Annotated[Length, AfterValidator(_positive_length)] | None = Field(
-        None, description="Of the membrane. The default is the program's choice.", examples=["5 mm"]
+        default=None,
+        description="Of the membrane. The default is the program's choice.",
+        examples=["5 mm"],
     )
     ladder: Counts | None = Field(
-        None, description="Compare finer and finer nets: values of refine.", examples=[[1, 2, 4]]
+        default=None,
+        description="Compare finer and finer nets: values of refine.",
+        examples=[[1, 2, 4]],
     )
 
     @property
@@ -600,7 +617,7 @@ class SolverTable(_Table):
     """[solver]: PETSc options, put under the solver's prefix."""
 
     options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = Field(
-        {},
+        default={},
         description="PETSc options of the network's solver. Without dash and prefix.",
         examples=[{"ksp_type": "cg", "ksp_rtol": 1e-9}],
     )
@@ -610,20 +627,24 @@ class OutputTable(_Table):
     """[output]: where results go, and which."""
 
     directory: Annotated[str, Field(min_length=1)] = Field(
-        "results", description="Folder of the results, made if it is not there."
+        default="results", description="Folder of the results, made if it is not there."
     )
-    pictures: bool = Field(True, description="Figures of the result.")
-    paraview: bool = Field(True, description="network.vtkhdf for ParaView.")
+    pictures: bool = Field(default=True, description="Figures of the result.")
+    paraview: bool = Field(default=True, description="network.vtkhdf for ParaView.")
     exports: bool = Field(
-        False, description="crossovers.csv and preform.inp for other codes (docs/exports.md)."
+        default=False,
+        description="crossovers.csv and preform.inp for other codes (docs/exports.md).",
     )
     report: bool | None = Field(
-        None, description="report.html, one page with everything; by default if pictures are on."
+        default=None,
+        description="report.html, one page with everything; by default if pictures are on.",
+        examples=[True],
     )
     measured: Annotated[str, Field(min_length=1)] | None = Field(
-        None,
+        default=None,
         description="CSV file of a measured displacement and force to compare the load with; in a "
         "case file, relative to its folder.",
+        examples=["measured.csv"],
     )
 
     @property
@@ -639,13 +660,15 @@ class Case(_Table):
     output``; the objects they describe come from `fabric` and `preform`.
     """
 
-    title: str = Field("untitled", description="What the case is; heads log and figures.")
+    title: str = Field(default="untitled", description="What the case is; heads log and figures.")
     fabric_table: FabricTable = Field(alias="fabric", description="The cloth.")
     preform_table: PreformTable = Field(alias="preform", description="What was cut from it.")
     test: AnyTest = Field(description="What is done to it.")
-    continuum: ContinuumTable = Field(ContinuumTable(), description="The membrane beside it.")
-    solver: SolverTable = Field(SolverTable(), description="Options of the solver.")
-    output: OutputTable = Field(OutputTable(), description="What is written, and where.")
+    continuum: ContinuumTable = Field(
+        default=ContinuumTable(), description="The membrane beside it."
+    )
+    solver: SolverTable = Field(default=SolverTable(), description="Options of the solver.")
+    output: OutputTable = Field(default=OutputTable(), description="What is written, and where.")
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -670,9 +693,10 @@ class Case(_Table):
         """
         data = _read(Path(path))
         output = data.get("output")
-        if isinstance(output, dict) and isinstance(output.get("measured"), str):
+        measured = output.get("measured") if isinstance(output, dict) else None
+        if measured and isinstance(measured, str):
             # As a path that a resumed run, or one in another folder, still finds.
-            output["measured"] = str((Path(path).parent / output["measured"]).absolute())
+            output["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:
             _apply(data, override)
         case = cls.from_data(data)
