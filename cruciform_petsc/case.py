@@ -694,7 +694,7 @@ class Case(_Table):
         data = _read(Path(path))
         output = data.get("output")
         measured = output.get("measured") if isinstance(output, dict) else None
-        if measured and isinstance(measured, str):
+        if isinstance(output, dict) and measured and isinstance(measured, str):
             # As a path that a resumed run, or one in another folder, still finds.
             output["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:

@@ -387,7 +387,7 @@ class Experiment:
                 goal = target if abs(gap) <= step_limit * (1 + 1e-9) else (
                     load + np.sign(gap) * step_limit
                 )  # fmt: skip
-                iterations, seconds = 0, 0.0
+                iterations, seconds, cuts = 0, 0.0, 0
                 for _ in range(40):
                     slope, moved = self._load_slope(model, equilibrium, grips, control)
                     change = (goal - load) / slope if slope > 0.0 else np.sign(goal - load) * first
@@ -398,6 +398,7 @@ class Experiment:
                             guess = equilibrium.x + moved * change
                             increment = path.advance(control + change, guess)
                         except EquilibriumError:
+                            cuts += 1
                             change *= 0.5
                             if abs(change) < 1e-4 * first:
                                 raise
@@ -414,6 +415,7 @@ class Experiment:
                 load = path.load = float(goal)
                 reached = increment.asked = bool(goal == target)
                 increment.iterations, increment.seconds = iterations, seconds
+                increment.cuts = cuts
                 path.target += int(reached)
                 accepted(increment, equilibrium.x)
 

@@ -248,6 +248,39 @@ def shear_maps(
     _save(comm, path, draw)
 
 
+def tension_maps(
+    comm: MPI.Intracomm, path: str | Path, sample: MapSample | None, title: str = ""
+) -> None:
+    """Draw maps of the yarns' tension side by side, with one colour scale.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    sample : MapSample
+        With the values "warp" and "weft", N per yarn; needed on rank 0 only.
+    title : str
+    """
+
+    def draw() -> Figure:
+        assert sample is not None
+        every = np.abs(np.concatenate(list(sample.values.values())))
+        largest = float(np.max(every[np.isfinite(every)], initial=0.0))
+        unit, size = ("N", 1.0) if largest >= 0.1 else ("mN", 1e-3)
+        values = {name: value / size for name, value in sample.values.items()}
+        colours = _angle_colours(list(values.values()), 0.99)
+        panels = _Panels(*_bounds(sample.outline), len(values))
+        for axes, (name, value) in zip(panels.axes, values.items(), strict=True):
+            _add_map(axes, sample, value, colours)
+            axes.set_title(name[:1].upper() + name[1:])
+        panels.colour_bar(len(values) - 1, colours, f"tension ({unit} per yarn)")
+        if title:
+            panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
+        return panels.figure
+
+    _save(comm, path, draw)
+
+
 def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours) -> None:
     """Fill each crossover's cell, cut by the outline.
 
