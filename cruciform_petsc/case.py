@@ -55,14 +55,21 @@ T = TypeVar("T")
 _MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
 
 
-def _quantity(unit: str) -> PlainValidator:
-    """Accept a string with a unit of this dimension, and keep the string."""
+class Checked:
+    """A validator that keeps what it has checked and remembers the unit, for the page of keys."""
 
-    def check(value: Any) -> Any:
-        parse(value, unit)
+    def __init__(self, check: Callable[[Any], object], unit: str, bare: bool = False):
+        self.check, self.unit, self.bare = check, unit, bare
+
+    def __call__(self, value: Any) -> Any:
+        """Check a value, which is a ValueError in words or nothing."""
+        self.check(value)
         return value
 
-    return PlainValidator(check)
+
+def _quantity(unit: str) -> PlainValidator:
+    """Accept a string with a unit of this dimension, and keep the string."""
+    return PlainValidator(Checked(lambda value: parse(value, unit), unit))
 
 
 def _quantities(
@@ -75,7 +82,7 @@ def _quantities(
         if good is not None and not good(number):
             raise ValueError(f'must be {wanted}, got "{value}"')
 
-    def check(value: Any) -> Any:
+    def check(value: Any) -> None:
         if not isinstance(value, list):
             check_one(value)
         elif not value:
@@ -86,19 +93,13 @@ def _quantities(
                     check_one(item)
                 except ValueError as error:
                     raise ValueError(f"(value {i + 1}) {error}") from None
-        return value
 
-    return PlainValidator(check)
+    return PlainValidator(Checked(check, unit))
 
 
 def _unit(si: str) -> PlainValidator:
     """Accept a unit by itself, as it stands over a column of numbers."""
-
-    def check(value: Any) -> Any:
-        parse_unit(value, si)
-        return value
-
-    return PlainValidator(check)
+    return PlainValidator(Checked(lambda value: parse_unit(value, si), si, bare=True))
 
 
 def _positive_length(value: str) -> str:
@@ -123,6 +124,7 @@ Length = Annotated[str, _quantity("m")]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Point], Field(min_length=3)]
 Count = Annotated[int, Field(ge=1)]
+Counts = Annotated[list[Count], Field(min_length=1)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Pairs = list[Annotated[list[Number], Field(min_length=2, max_length=2)]]
 
@@ -134,20 +136,45 @@ class _Table(BaseModel):
 class TensionLawTable(_Table):
     """[fabric] warp.tension and weft.tension: a law in place of the modulus."""
 
-    law: Literal["table"]
-    strain: Annotated[str, _unit("1")]
-    force: Annotated[str, _unit("N/m")]
-    points: Pairs
+    law: Literal["table"] = Field(description="Points, joined without bumps.")
+    strain: Annotated[str, _unit("1")] = Field(
+        description="Unit of the first column.", examples=["%"]
+    )
+    force: Annotated[str, _unit("N/m")] = Field(
+        description="Unit of the second column.", examples=["N/cm"]
+    )
+    points: Pairs = Field(
+        description="Strain and tension, rising; beyond the last point the last slope goes on.",
+        examples=[[[0.5, 5], [1, 30]]],
+    )
 
 
 class YarnTable(_Table):
     """[fabric] warp and weft."""
 
-    tension: TensionLawTable | None = None  # before modulus, whose check asks for it
-    modulus: Annotated[str, _quantity("N/m")] | None = Field(default=None, validate_default=True)
-    poisson: float
-    yarns: Annotated[str, _quantity("1/m")]
-    yarn_bending: Annotated[str, _quantity("N*m**2")] = "0 N mm^2"
+    # before modulus, whose check asks for it
+    tension: TensionLawTable | None = Field(
+        default=None, description="A law in place of the modulus; needs poisson = 0 (docs/laws.md)."
+    )
+    modulus: Annotated[str, _quantity("N/m")] | None = Field(
+        default=None,
+        validate_default=True,
+        description="Tension per width over strain. Needed without tension.",
+        examples=["520 N/cm"],
+    )
+    poisson: float = Field(
+        description="Contraction of the other family when this one is pulled. "
+        "Reciprocity: poisson of the weft times modulus of the warp is the reverse.",
+        examples=[0.0],
+    )
+    yarns: Annotated[str, _quantity("1/m")] = Field(
+        description="Yarns per length across them.", examples=["2.4 /cm"]
+    )
+    yarn_bending: Annotated[str, _quantity("N*m**2")] = Field(
+        default="0 N mm^2",
+        description="In-plane flexural rigidity of one yarn. Above zero for test.bending = true.",
+        examples=["0.6 N mm^2"],
+    )
 
     @field_validator("modulus")
     @classmethod
@@ -164,33 +191,104 @@ class YarnTable(_Table):
 class ShearTable(_Table):
     """[fabric] shear: a modulus, or a law with its own keys, which `Fabric.from_table` checks."""
 
-    modulus: Annotated[str, _quantity("N/m")] | None = None
-    law: Literal["table", "polynomial", "sin-potential"] | None = None
-    angle: Annotated[str, _unit("rad")] | None = None
-    force: Annotated[str, _unit("N/m")] | None = None
-    points: Pairs | None = None
-    coefficients: Annotated[str | list[str], _quantities("N/m")] | None = None
+    modulus: Annotated[str, _quantity("N/m")] | None = Field(
+        default=None, description="Of a linear law. Either this or law.", examples=["0.96 N/cm"]
+    )
+    law: Literal["table", "polynomial", "sin-potential"] | None = Field(
+        default=None, description="A law in place of the modulus (docs/laws.md)."
+    )
+    angle: Annotated[str, _unit("rad")] | None = Field(
+        default=None, description='Unit of the first column, with law = "table".', examples=["deg"]
+    )
+    force: Annotated[str, _unit("N/m")] | None = Field(
+        default=None,
+        description='Unit of the second column, with law = "table".',
+        examples=["N/mm"],
+    )
+    points: Pairs | None = Field(
+        default=None,
+        description='Shear angle and psi\', rising, with law = "table".',
+        examples=[[[10, 0.01], [40, 0.2]]],
+    )
+    coefficients: Annotated[str | list[str], _quantities("N/m")] | None = Field(
+        default=None,
+        description='Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial", '
+        'k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential".',
+        examples=[["0.1 N/mm", "0.3 N/mm"]],
+    )
 
 
 class TensionTable(_Table):
     """[fabric] tension: which strain, and what becomes of yarns in compression."""
 
-    strain: Literal["engineering", "log"] = "engineering"
-    compression: Number = 1.0
-    compression_width: Number = 1e-4
+    strain: Literal["engineering", "log"] = Field(
+        default="engineering", description="Stretch less 1, or its logarithm."
+    )
+    compression: Number = Field(
+        default=1.0,
+        description="Stiffness of yarns in compression over that in tension. Above 0, at most 1.",
+    )
+    compression_width: Number = Field(
+        default=1e-4,
+        description="Strain over which the stiffness falls. About buckling stress over modulus.",
+    )
 
 
 class FabricTable(_Table):
     """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
 
-    use: str | None = None
-    warp: YarnTable | None = None
-    weft: YarnTable | None = None
-    shear: ShearTable | None = None
-    tension: TensionTable | None = None
-    areal_density: Annotated[str, _quantity("kg/m**2")] | None = None
-    thickness: Annotated[str, _quantity("m")] | None = None
-    fibre_density: Annotated[str, _quantity("kg/m**3")] | None = None
+    use: str | None = Field(
+        default=None,
+        description="A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.",
+        examples=["glass-pp-plain-1.93"],
+    )
+    warp: YarnTable | None = Field(
+        default=None,
+        description="Values of one's own, in place of use.",
+        examples=[
+            {
+                "modulus": "520 N/cm",
+                "poisson": 0.45,
+                "yarns": "2.4 /cm",
+                "yarn_bending": "0.6 N mm^2",
+            }
+        ],
+    )
+    weft: YarnTable | None = Field(
+        default=None,
+        description="Beside warp, alike.",
+        examples=[
+            {
+                "modulus": "520 N/cm",
+                "poisson": 0.45,
+                "yarns": "2.4 /cm",
+                "yarn_bending": "0.6 N mm^2",
+            }
+        ],
+    )
+    shear: ShearTable | None = Field(
+        default=None,
+        description="Beside warp and weft, or in place of the library's.",
+        examples=[{"modulus": "0.96 N/cm"}],
+    )
+    tension: TensionTable | None = Field(
+        default=None,
+        description="Which strain, and yarns in compression; in place of the library's.",
+        examples=[{"strain": "log", "compression": 0.01}],
+    )
+    areal_density: Annotated[str, _quantity("kg/m**2")] | None = Field(
+        default=None,
+        description="Mass of the yarns per area. For exports (docs/exports.md).",
+        examples=["576 g/m^2"],
+    )
+    thickness: Annotated[str, _quantity("m")] | None = Field(
+        default=None, description="Of the cloth at rest. For exports.", examples=["0.5 mm"]
+    )
+    fibre_density: Annotated[str, _quantity("kg/m**3")] | None = Field(
+        default=None,
+        description="Of what the yarns consist of. For exports.",
+        examples=["2.5 g/cm^3"],
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> FabricTable:
@@ -212,9 +310,21 @@ class FabricTable(_Table):
 class OutlineTable(_Table):
     """[preform] outline: a rectangle (width, length), or a polygon with holes."""
 
-    rectangle: Point | None = None
-    polygon: Ring | None = None
-    holes: list[Ring] = []
+    rectangle: Point | None = Field(
+        default=None,
+        description="Width and length. x from -width/2 to width/2, y from 0 to the length.",
+        examples=[["100 mm", "200 mm"]],
+    )
+    polygon: Ring | None = Field(
+        default=None,
+        description="Corners in order, in place of a rectangle. The body is pulled along y.",
+        examples=[[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]],
+    )
+    holes: list[Ring] = Field(
+        default=[],
+        description="Corners of each hole.",
+        examples=[[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]],
+    )
 
     @model_validator(mode="after")
     def _one_shape(self) -> OutlineTable:
@@ -226,11 +336,24 @@ class OutlineTable(_Table):
 class PreformTable(_Table):
     """[preform]: see `Preform`."""
 
-    outline: OutlineTable
-    bias_angle: Annotated[str, _quantity("rad")]
-    refine: Count = 1
-    yarns_per_cruciform: Count = 1
-    origin: Point | None = None
+    outline: OutlineTable = Field(
+        description="A rectangle, or a polygon with holes.",
+        examples=[{"rectangle": ["100 mm", "200 mm"]}],
+    )
+    bias_angle: Annotated[str, _quantity("rad")] = Field(
+        description="From the pull (y) to the warp.", examples=["45 deg"]
+    )
+    refine: Count = Field(
+        default=1, description="A finer net of the same fabric: pitch divided by this."
+    )
+    yarns_per_cruciform: Count = Field(
+        default=1, description="A coarser net: pitch times this. Not together with refine."
+    )
+    origin: Point | None = Field(
+        default=None,
+        description="A crossover's place. The default is the centre of the outline's bounding box.",
+        examples=[["0 mm", "100 mm"]],
+    )
 
 
 class TestTable(_Table):
@@ -243,10 +366,19 @@ class TestTable(_Table):
     controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}  # key -> SI unit
     along_the_yarns: ClassVar[bool] = False  # needs a rectangle whose sides the yarns follow
 
-    kind: str
-    finite: bool = False
-    bending: bool = True
-    increments: Count | None = None
+    kind: str = Field(description="Which experiment.")
+    finite: bool = Field(
+        default=False, description="Large displacements, rotations and shear angles."
+    )
+    bending: bool = Field(
+        default=True, description="Yarns bend in the plane; false: they are hinged."
+    )
+    increments: Count | None = Field(
+        default=None,
+        description="Least number of steps to the last value, with finite = true. "
+        "Steps are cut further where needed.",
+        examples=[20],
+    )
 
     @model_validator(mode="after")
     def _one_control(self) -> TestTable:
@@ -284,14 +416,32 @@ class TestTable(_Table):
         return self.values_si if self.control == "load" else None
 
 
+_EXTENSION = Field(
+    default=None,
+    description="By which the upper edge is pulled, one value or a list. Either this or load.",
+    examples=["10 mm"],
+)
+_LOAD = Field(
+    default=None,
+    description="Force on the upper edge, one value or a list. Either this or extension.",
+    examples=["0.5 N"],
+)
+
+
 class BiasExtensionTest(TestTable):
     """A strip clamped at its lower edge and pulled at its upper one."""
 
     kind: Literal["bias-extension"] = "bias-extension"
-    upper: Literal["grip", "centre-line"] = "grip"
-    extension: Annotated[str | list[str], _quantities("m")] | None = None
-    load: Annotated[str | list[str], _quantities("N")] | None = None
-    model: Literal["coupled", "separate"] = "coupled"
+    upper: Literal["grip", "centre-line"] = Field(
+        default="grip",
+        description="What the upper edge is: a clamp, or the middle of a whole specimen.",
+    )
+    extension: Annotated[str | list[str], _quantities("m")] | None = _EXTENSION
+    load: Annotated[str | list[str], _quantities("N")] | None = _LOAD
+    model: Literal["coupled", "separate"] = Field(
+        default="coupled",
+        description="One system, or the paper's three. Separate for small displacements only.",
+    )
 
     @model_validator(mode="after")
     def _small(self) -> BiasExtensionTest:
@@ -323,16 +473,20 @@ class PantographTest(_OneSystemTest):
     controls: ClassVar[dict[str, str]] = {"extension": "m"}
 
     kind: Literal["pantograph"]
-    extension: Annotated[str | list[str], _quantities("m")]
+    extension: Annotated[str | list[str], _quantities("m")] = Field(
+        description="By which the upper edge is pulled, one value or a list.", examples=["10 mm"]
+    )
 
 
 class OffAxisTensionTest(_OneSystemTest):
     """A strip pulled at some angle to its yarns; free ends may contract and shear."""
 
     kind: Literal["off-axis-tension"]
-    extension: Annotated[str | list[str], _quantities("m")] | None = None
-    load: Annotated[str | list[str], _quantities("N")] | None = None
-    ends: Literal["grip", "free"] = "grip"
+    extension: Annotated[str | list[str], _quantities("m")] | None = _EXTENSION
+    load: Annotated[str | list[str], _quantities("N")] | None = _LOAD
+    ends: Literal["grip", "free"] = Field(
+        default="grip", description="Clamped, or free to contract and to slide across the pull."
+    )
 
 
 class PictureFrameTest(_OneSystemTest):
@@ -345,7 +499,10 @@ class PictureFrameTest(_OneSystemTest):
     angle: Annotated[
         str | list[str],
         _quantities("rad", lambda a: abs(a) < 0.5 * math.pi, "between -90 deg and 90 deg"),
-    ]
+    ] = Field(
+        description="Shear angle of the frame, one value or a list. Between -90 and 90 deg.",
+        examples=["20 deg"],
+    )
 
     @property
     def angle_si(self) -> list[float]:
@@ -360,8 +517,10 @@ class BiaxialTest(_OneSystemTest):
     along_the_yarns: ClassVar[bool] = True
 
     kind: Literal["biaxial"]
-    strain: Annotated[str | list[str], _quantities("1", lambda e: e > -1.0, "more than -100 %")]
-    ratio: Number = 1.0
+    strain: Annotated[str | list[str], _quantities("1", lambda e: e > -1.0, "more than -100 %")] = (
+        Field(description="Of the warp, one value or a list. More than -100 %.", examples=["1 %"])
+    )
+    ratio: Number = Field(default=1.0, description="Weft strain over warp strain.")
 
     @model_validator(mode="after")
     def _both_lengths_positive(self) -> BiaxialTest:
@@ -391,7 +550,9 @@ class CantileverTest(_OneSystemTest):
     along_the_yarns: ClassVar[bool] = True
 
     kind: Literal["cantilever"]
-    load: Annotated[str | list[str], _quantities("N")]
+    load: Annotated[str | list[str], _quantities("N")] = Field(
+        description="Across the upper edge, one value or a list.", examples=["1 mN"]
+    )
 
     @model_validator(mode="after")
     def _bends(self) -> CantileverTest:
@@ -426,10 +587,25 @@ class ContinuumTable(_Table):
     (`Case.second_gradient`).
     """
 
-    compare: bool = False
-    second_gradient: bool | None = None
-    mesh_size: Annotated[Length, AfterValidator(_positive_length)] | None = None
-    ladder: Annotated[list[Count], Field(min_length=1)] | None = None
+    compare: bool = Field(
+        default=False, description="Solve a membrane in dolfinx, too, and compare."
+    )
+    second_gradient: bool | None = Field(
+        default=None,
+        description="Whether the membrane resists the bending of yarns. "
+        "The default: where the network does and test.finite = true.",
+        examples=[True],
+    )
+    mesh_size: Annotated[Length, AfterValidator(_positive_length)] | None = Field(
+        default=None,
+        description="Of the membrane. The default is the program's choice.",
+        examples=["5 mm"],
+    )
+    ladder: Counts | None = Field(
+        default=None,
+        description="Compare finer and finer nets: values of refine.",
+        examples=[[1, 2, 4]],
+    )
 
     @property
     def mesh_size_si(self) -> float | None:
@@ -440,16 +616,41 @@ class ContinuumTable(_Table):
 class SolverTable(_Table):
     """[solver]: PETSc options, put under the solver's prefix."""
 
-    options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = {}
+    options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = Field(
+        default={},
+        description="PETSc options of the network's solver. Without dash and prefix.",
+        examples=[{"ksp_type": "cg", "ksp_rtol": 1e-9}],
+    )
 
 
 class OutputTable(_Table):
     """[output]: where results go, and which."""
 
-    directory: Annotated[str, Field(min_length=1)] = "results"
-    pictures: bool = True
-    paraview: bool = True
-    exports: bool = False
+    directory: Annotated[str, Field(min_length=1)] = Field(
+        default="results", description="Folder of the results, made if it is not there."
+    )
+    pictures: bool = Field(default=True, description="Figures of the result.")
+    paraview: bool = Field(default=True, description="network.vtkhdf for ParaView.")
+    exports: bool = Field(
+        default=False,
+        description="crossovers.csv and preform.inp for other codes (docs/exports.md).",
+    )
+    report: bool | None = Field(
+        default=None,
+        description="report.html, one page with everything; by default if pictures are on.",
+        examples=[True],
+    )
+    measured: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="CSV file of a measured displacement and force to compare the load with; in a "
+        "case file, relative to its folder.",
+        examples=["measured.csv"],
+    )
+
+    @property
+    def wants_report(self) -> bool:
+        """Whether report.html is written."""
+        return self.pictures if self.report is None else self.report
 
 
 class Case(_Table):
@@ -459,13 +660,15 @@ class Case(_Table):
     output``; the objects they describe come from `fabric` and `preform`.
     """
 
-    title: str = "untitled"
-    fabric_table: FabricTable = Field(alias="fabric")
-    preform_table: PreformTable = Field(alias="preform")
-    test: AnyTest
-    continuum: ContinuumTable = ContinuumTable()
-    solver: SolverTable = SolverTable()
-    output: OutputTable = OutputTable()
+    title: str = Field(default="untitled", description="What the case is; heads log and figures.")
+    fabric_table: FabricTable = Field(alias="fabric", description="The cloth.")
+    preform_table: PreformTable = Field(alias="preform", description="What was cut from it.")
+    test: AnyTest = Field(description="What is done to it.")
+    continuum: ContinuumTable = Field(
+        default=ContinuumTable(), description="The membrane beside it."
+    )
+    solver: SolverTable = Field(default=SolverTable(), description="Options of the solver.")
+    output: OutputTable = Field(default=OutputTable(), description="What is written, and where.")
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -489,6 +692,11 @@ class Case(_Table):
             edges the test needs.
         """
         data = _read(Path(path))
+        output = data.get("output")
+        measured = output.get("measured") if isinstance(output, dict) else None
+        if isinstance(output, dict) and measured and isinstance(measured, str):
+            # As a path that a resumed run, or one in another folder, still finds.
+            output["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:
             _apply(data, override)
         case = cls.from_data(data)

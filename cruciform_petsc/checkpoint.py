@@ -32,7 +32,7 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
@@ -556,7 +556,8 @@ def _increment(data: dict[str, Any]) -> Increment:
     values = {
         field.name: kinds[str(field.type)](data[field.name])
         for field in fields(Increment)
-        if str(field.type) in kinds
+        # Older checkpoints lack what has a default.
+        if str(field.type) in kinds and (field.name in data or field.default is MISSING)
     }
     return Increment(
         energies=np.array(data["energies"], float).reshape(3),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The command line: `cruciform-petsc run|check|calibrate|resume CASE`, `cruciform-petsc fabrics`.
+"""The command line: `cruciform-petsc COMMAND ...`; `--help` lists the commands.
 
 Modules that import PETSc are imported only after `petsc4py.init` has had the PETSc options.
 """
@@ -22,10 +22,11 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from .case import Case
+from .case import Case, on_root
 from .errors import CruciformError, InputError
 from .fabric import Fabric, fabric_names
 from .output.folder import prepare_directory
+from .template import KINDS, new_case, write_new_case
 from .units import format_si
 
 if TYPE_CHECKING:
@@ -201,6 +202,9 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
         if comm.rank == 0:
             print(fabric_table())
         return
+    if args.command == "new":
+        _new(comm, args.kind, args.file)
+        return
     log = _logger(comm, args.quiet, args.verbose)
     if args.command == "resume":
         from .checkpoint import reopen
@@ -212,6 +216,11 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
         from .run import run_case
 
         run_case(comm, checkpoint.case, directory, log, checkpoint)
+        return
+    if args.command == "compare":
+        from .compare import compare_command
+
+        compare_command(comm, args.a, args.b, args.output, log)
         return
     case = Case.load_collective(comm, args.case, args.set)
     if args.command == "check":
@@ -234,6 +243,17 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
         from .run import run_case
 
         run_case(comm, case, directory, log)
+
+
+def _new(comm: MPI.Intracomm, kind: str, file: str | None) -> None:
+    """Write a case file to begin with, or print it. Collective."""
+    if file is None:
+        told = new_case(kind).rstrip()
+    else:
+        on_root(comm, lambda: write_new_case(kind, file))
+        told = f'wrote "{file}"; try: {PROGRAM} check {file}'
+    if comm.rank == 0:
+        print(told)
 
 
 def _start_petsc(options: list[str]) -> None:
@@ -381,6 +401,33 @@ def _parser() -> _Parser:
         loudness = sub.add_mutually_exclusive_group()
         loudness.add_argument("--quiet", action="store_true", help="log warnings only")
         loudness.add_argument("--verbose", action="store_true", help="log more")
+    sub = commands.add_parser(
+        "compare",
+        help="two results, or a result and a measured curve: curves and differences",
+        description="Lay two curves over each other and tell how far they are apart.\n"
+        "A and B are folders of results, or CSV files of a measured displacement and force.",
+        epilog="Example: cruciform-petsc compare results/finite_bias_extension "
+        "demos/glass_pp_bias.csv",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    sub.add_argument("a", metavar="A", help="a folder of results, or a measured curve (CSV)")
+    sub.add_argument("b", metavar="B", help="another; differences are relative to this one")
+    sub.add_argument(
+        "--output", metavar="DIR", default="comparison", help="where to write (comparison)"
+    )
+    loudness = sub.add_mutually_exclusive_group()
+    loudness.add_argument("--quiet", action="store_true", help="log warnings only")
+    loudness.add_argument("--verbose", action="store_true", help="log more")
+    new = commands.add_parser(
+        "new",
+        help="write a commented case file to begin with",
+        description="Write a commented case file to begin with; onto the screen without FILE.",
+        epilog="Example: cruciform-petsc new picture-frame my_frame.toml",
+        allow_abbrev=False,
+    )
+    new.add_argument("kind", metavar="KIND", help=f"the kind of test: {', '.join(KINDS)}")
+    new.add_argument("file", metavar="FILE", nargs="?", help="must not be there yet")
     commands.add_parser(
         "fabrics",
         help="list the library of fabrics",

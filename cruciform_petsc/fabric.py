@@ -256,6 +256,17 @@ class Fabric:
         changes : mapping, optional
             What replaces the library's: ``shear`` and ``tension`` as a whole, ``areal_density``,
             ``thickness``, ``fibre_density``; as for `from_table`.
+
+        Examples
+        --------
+        >>> fabric = Fabric.from_library("e-glass-plain-2.4", {"shear": {"modulus": "2 N/cm"}})
+        >>> round(fabric.shear_modulus, 9), fabric.shear.name  # N/m
+        (200.0, 'linear')
+        >>> fabric.warp.spacing == 1 / 240  # m
+        True
+        >>> Fabric.from_library("e-glas-plain-2.4")
+        Traceback (most recent call last):
+        cruciform_petsc.errors.InputError: there is no fabric "e-glas-plain-2.4" in the library ...
         """
         library = _library()
         if name not in library:

@@ -30,10 +30,17 @@ from .lattice import (
     snapped,
     yarn_lines,
 )
+from .memory import check_memory
 from .preform import Preform
 
 # Places on a yarn, in quarters of a pitch, counted from its crossovers: see Network.node_key.
 _HINGE, _TAIL_AFTER, _BETWEEN, _TAIL_BEFORE = 0, 1, 2, -1
+
+# Bytes while a network is made, as measured: of a crossover, on one rank (330), and of a crossing
+# of the outline with a lattice line, on every rank.
+_BYTES, _OUTLINE_BYTES = 330.0, 1000.0
+# Lattice lines count from the origin and must fit into keys (pack_key).
+_FARTHEST = 2**29 - 4
 
 
 class Network:
@@ -80,6 +87,7 @@ class Network:
         self.comm, self.preform, self.fabric = comm, preform, fabric
         self.pitch = np.array(preform.pitch(fabric))
         preform.check_size(fabric)
+        self._check_fits()
         outline_xy = preform.outline
         segments = snapped(self._to_lattice(boundary_segments(outline_xy)))
         self.warp_yarns = yarn_lines(segments, 0)
@@ -95,6 +103,27 @@ class Network:
         self.partition = Partition(self.warp_yarns, comm.size)
         self._make_crossovers(segments, outline_xy)
         self._make_nodes()
+
+    def _check_fits(self) -> None:
+        """Refuse in words, before anything is made, what has no room. Collective."""
+        outline = self.preform.outline
+        with np.errstate(over="ignore", divide="ignore"):
+            crossovers = float(np.float64(outline.area) / self.pitch[0] / self.pitch[1])
+            crossings = float(np.float64(outline.length) / self.pitch.min())
+        check_memory(
+            self.comm,
+            _BYTES * crossovers + _OUTLINE_BYTES * crossings * self.comm.size,
+            f"the outline holds about {crossovers:.3g} crossovers",
+            "choose a coarser pitch (refine, yarns_per_cruciform) or a smaller outline",
+        )
+        x0, y0, x1, y1 = outline.bounds
+        corners = self._to_lattice(np.array([[x0, y0], [x0, y1], [x1, y0], [x1, y1]]))
+        farthest = float(np.abs(corners).max())
+        if not farthest < _FARTHEST:
+            raise InputError(
+                f"the outline reaches {farthest:.3g} yarns from the lattice's origin, at most "
+                f"{_FARTHEST} can be counted: move preform.origin nearer"
+            )
 
     # -- geometry -------------------------------------------------------------------------------
 

@@ -214,7 +214,12 @@ def linear(stiffness: float) -> Potential:
 
 
 def odd_polynomial(coefficients: Sequence[float]) -> Potential:
-    """The law w' = k_1 x + k_2 x^3 + k_3 x^5 + ..."""
+    """The law w' = k_1 x + k_2 x^3 + k_3 x^5 + ...
+
+    >>> law = odd_polynomial([2.0, 1.0])
+    >>> [float(value) for value in law.evaluate(3.0)]  # w, w', w''
+    [29.25, 33.0, 29.0]
+    """
     return _listed(POLYNOMIAL, coefficients)
 
 

@@ -25,6 +25,8 @@ from .errors import InputError
 from .fabric import Fabric
 from .units import format_si, to_si
 
+_LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
+_MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 Length = str | float
@@ -62,6 +64,16 @@ class Preform:
     InputError
         An outline that crosses itself, has no area, or holes that touch; see also the checks
         on the numbers.
+
+    Examples
+    --------
+    >>> preform = Preform.rectangle("75 mm", "220 mm", "45 deg")
+    >>> preform
+    Preform(75 mm x 220 mm, area 165 cm^2, 0 holes, bias 45 deg, refine 1, yarns_per_cruciform 1)
+    >>> list(preform.edges)[:4]
+    ['lower', 'upper', 'left', 'right']
+    >>> preform.pitch(Fabric.from_library("e-glass-plain-2.4")) == (1 / 240, 1 / 240)  # m
+    True
     """
 
     outline: shapely.Polygon
@@ -82,6 +94,8 @@ class Preform:
             count = getattr(self, key)
             if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
                 raise InputError(f"preform.{key} must be a whole number from 1 up, got {count!r}")
+            if count > _MOST:
+                raise InputError(f"preform.{key} must be at most {_MOST}")
             put(key, int(count))
         if self.refine > 1 and self.yarns_per_cruciform > 1:
             raise InputError(
@@ -90,6 +104,8 @@ class Preform:
             )
         if self.origin is not None:
             put("origin", _point(self.origin, "preform.origin"))
+            if max(map(abs, self.origin)) > _LARGEST:
+                raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
         put("outline", _checked(self.outline))
         edges = _named_edges(self.outline)
         for name, segments in (self.edges or {}).items():
@@ -280,8 +296,11 @@ def _checked(outline: Any) -> shapely.Polygon:
     """Return the outline with the cloth on its left and no repeated points."""
     if not isinstance(outline, shapely.Polygon) or outline.is_empty:
         raise InputError(f"preform.outline must be one polygon, got {outline!r}")
-    if not np.isfinite(shapely.get_coordinates(outline)).all():
+    coordinates = shapely.get_coordinates(outline)
+    if not np.isfinite(coordinates).all():
         raise InputError("preform.outline has a corner that is not finite")
+    if np.abs(coordinates).max() > _LARGEST:
+        raise InputError(f"preform.outline has a corner more than {_LARGEST:g} m from x = y = 0")
     names = ["preform.outline", *(f"hole-{i + 1}" for i in range(len(outline.interiors)))]
     pieces = [shapely.Polygon(ring) for ring in (outline.exterior, *outline.interiors)]
     for name, piece in zip(names, pieces, strict=True):

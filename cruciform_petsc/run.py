@@ -9,6 +9,7 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,10 @@ from mpi4py import MPI
 
 from . import __version__
 from .assembly import MODES
-from .case import Case
+from .calibration.curve import MeasuredCurve, read_curve
+from .case import Case, on_root
 from .checkpoint import Checkpoint, resume_command
+from .compare import against_measured, check_measured, load_line
 from .errors import InputError, SolverError
 from .experiments.base import Experiment
 from .experiments.bias_extension import BiasExtension, Pantograph
@@ -31,6 +34,7 @@ from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
 from .output.figures import control_text
+from .output.report import write_report
 from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
@@ -85,6 +89,7 @@ def log_network(log: logging.Logger, statistics: dict) -> None:
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
     _check_comparison(case)
+    _read_measured(comm, case)
     stages = Stages(comm, log)
     fabric, preform = case.fabric(), case.preform()
     log.info("%s", case.title)
@@ -162,6 +167,7 @@ def run_case(
         To go on from; by default the test begins at rest.
     """
     _check_comparison(case)
+    measured = _read_measured(comm, case)
     stages = Stages(comm, log)
     log.info("%s", case.title)
     log.info(
@@ -216,6 +222,8 @@ def run_case(
         summary["ended_early"] = str(failure)
     with stages.stage("write", "results written"), _telling_how_to_resume(checkpoint):
         _write(case, result, directory)
+        if measured is not None:
+            summary["measured"] = _compare_with_measured(case, result, measured, directory)
 
     without = None
     wanted = case.output.pictures or case.continuum.compare
@@ -247,12 +255,15 @@ def run_case(
             {key: [rung[key] for rung in rungs] for key in rungs[0]},
         )
 
+    drawn: list[str] = []
     if case.output.pictures:
         with stages.stage("pictures", "pictures drawn"):
-            figures.draw_all(directory, result, without, membranes, summary)
+            drawn = figures.draw_all(directory, result, without, membranes, summary, measured)
     summary["wall_s"] = {**stages.seconds, "total": stages.total()}
     summary["peak_mib_per_rank"] = peak_mib(comm)
     tables.write_json(comm, directory / "summary.json", summary)
+    if case.output.wants_report:
+        write_report(comm, directory, case, summary, result.curve(), drawn)
     _tell(log, summary, result, directory)
     if failure is not None:
         raise failure
@@ -368,6 +379,13 @@ def warnings(result: TestResult) -> list[str]:
             f"yarns are compressed by up to {-100 * least:.2g} % and carry that like tension; "
             "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
         )
+    cuts = [increment for increment in result.increments if increment.cuts]
+    if cuts:
+        told.append(
+            f"steps were cut in half {sum(increment.cuts for increment in cuts)} times where no "
+            f"equilibrium was found, first before {control_text(experiment, cuts[0].control)}; "
+            "what follows may be another branch than that of smaller steps"
+        )
     if most > BREAKING:
         told.append(
             f"yarns are stretched by up to {100 * most:.3g} %, which hardly any yarn stands; the "
@@ -393,6 +411,33 @@ def _check_comparison(case: Case) -> None:
         )
 
 
+def _read_measured(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
+    """Read what was measured, before hours of work. Collective."""
+    path = case.output.measured
+    if path is None:
+        return None
+    check_measured(case.test.kind)
+    return on_root(comm, lambda: read_curve(path))
+
+
+def _compare_with_measured(
+    case: Case, result: TestResult, measured: MeasuredCurve, directory: Path
+) -> dict[str, Any]:
+    """Compare the load and write measured.csv; returns the summary's part. Collective."""
+    _, line = load_line(result)
+    told = {"file": case.output.measured, **against_measured(line, measured)}
+    tables.write_csv(
+        result.network.comm,
+        directory / "measured.csv",
+        {
+            "displacement_mm": told["displacement_mm"],
+            "measured_N": told["measured_n"],
+            "load_N": told["load_n"],
+        },
+    )
+    return told
+
+
 def _log_solver(log: logging.Logger, result: TestResult) -> None:
     if result.solver is not None:
         log.info(
@@ -405,6 +450,9 @@ def _log_solver(log: logging.Logger, result: TestResult) -> None:
         )
         return
     iterations = [increment.iterations for increment in result.increments]
+    if not iterations:  # a picture frame at small displacements, by one small finite step
+        log.info("           %d unknowns", result.unknowns)
+        return
     log.info(
         "           %d unknowns, %d increments, %.1f Newton iterations each (%d at most)",
         result.unknowns,
@@ -428,6 +476,22 @@ def _versions() -> dict[str, str]:
         "petsc4py": petsc4py.__version__,
         "numpy": np.__version__,
     }
+
+
+def commit() -> str | None:
+    """Git commit of the program, if it runs from a clone; read without running git."""
+    git = Path(__file__).resolve().parents[1] / ".git"
+    try:
+        head = (git / "HEAD").read_text(encoding="ascii").strip()
+        if not head.startswith("ref: "):
+            return head or None
+        name = head.removeprefix("ref: ")
+        if (git / name).is_file():
+            return (git / name).read_text(encoding="ascii").strip()
+        packed = (git / "packed-refs").read_text(encoding="ascii").splitlines()
+        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
+    except (OSError, ValueError):
+        return None
 
 
 def _values(case: Case, column: Any) -> Any:
@@ -454,14 +518,13 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
     curve = result.curve()
     experiment = result.experiment
     comm = result.network.comm
-    finite = result.solver is None
     summary: dict[str, Any] = {
         "title": case.title,
         "kind": case.test.kind,
         "finite": case.test.finite,
         "ranks": comm.size,
         "crossovers": statistics["crossovers"],
-        "dofs": result.unknowns if finite else result.unknowns_per_node * statistics["nodes"],
+        "dofs": result.unknowns or result.unknowns_per_node * statistics["nodes"],
         "load_n": _values(case, curve["load_N"]),
         "extension_m": _values(case, _extensions(result, curve)),
         "shear_centre_deg": _values(case, curve["shear_centre_deg"]),
@@ -473,7 +536,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
             summary.setdefault(name.lower(), _values(case, column))
     summary |= experiment.figures(result)
     summary["solver"] = _solver(case, result)
-    if finite:
+    if result.increments:
         summary["increments"] = [
             {
                 "control": increment.control,
@@ -482,6 +545,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
                 "residual_n": increment.residual,
                 "tolerance_n": increment.tolerance,
                 "shifted": increment.shifted,
+                "cuts": increment.cuts,
                 "asked": increment.asked,
                 "seconds": increment.seconds,
             }
@@ -496,6 +560,8 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         "bending": case.test.bending,
         "case": case.model_dump(),
         "versions": _versions(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": commit(),
     }
     if result.uncarried is not None:
         summary["uncarried_share_of_load"] = result.uncarried
@@ -706,6 +772,15 @@ def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Pat
             for mode, value in summary["energy_j"].items()
         ),
     )
+    measured = summary.get("measured", {})
+    if "rms_relative" in measured:
+        log.info(
+            "measured      load differs by %.2f %% RMS, %+.2f %% at the end (%d of %d points)",
+            100 * measured["rms_relative"],
+            100 * measured["end_relative"],
+            measured["points"],
+            measured["points_measured"],
+        )
     for mode, share in summary.get("uncarried_share_of_load", {}).items():
         log.info("%-9s     cannot carry %.1f %% of the load by itself", mode, 100 * share)
     continuum = summary.get("continuum", {})

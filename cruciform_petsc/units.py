@@ -209,6 +209,16 @@ def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | lis
     ------
     InputError
         No unit, an unknown one, a wrong dimension, no finite number, an empty list.
+
+    Examples
+    --------
+    >>> to_si("520 N/cm", "N/m", "modulus")
+    52000.0
+    >>> to_si(["1 mm", "2 cm"], "m", "extension")
+    [0.001, 0.02]
+    >>> to_si("45", "rad", "bias_angle")
+    Traceback (most recent call last):
+    cruciform_petsc.errors.InputError: bias_angle = "45" has no unit, write for example "45 deg"
     """
     if isinstance(value, list):
         if not value:
@@ -220,7 +230,20 @@ def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | lis
         raise InputError(f"{key} {error}") from None
 
 
+def describe(unit: str) -> tuple[str, str, str]:
+    """What an SI unit measures, an example, and the unit that logs use.
+
+    >>> describe("m")
+    ('a length', '1 mm', 'mm')
+    """
+    return _KINDS[unit]
+
+
 def format_si(value: float, unit: str) -> str:
-    """Write an SI number for people: ``format_si(52000.0, "N/m")`` is "520 N/cm"."""
+    """Write an SI number for people.
+
+    >>> format_si(52000.0, "N/m")
+    '520 N/cm'
+    """
     shown = _KINDS[unit][2]
     return f"{value / _factor(shown, unit):.6g} {shown}"

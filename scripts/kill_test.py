@@ -142,7 +142,7 @@ class Killer:
             code = process.wait(timeout=120)
         if code == 0:
             return "had finished"
-        return "killed" if victims else f"ended by itself with {code}"
+        return "killed" if victims else "failed by itself"
 
     def reached(self) -> int:
         """Accepted increments that the table of increments on the disk tells of."""
@@ -177,11 +177,14 @@ def main() -> int:
             number += 1
             shutil.rmtree(killer.results, ignore_errors=True)
             # Not before the interpreters run, nor much after the usual end.
-            what = killer.kill(2, *run, span=(0.3 * whole, 1.02 * whole))
-            if what != "killed":
-                counts[what] += 1
+            what = killer.kill(2, *run, span=(0.35 * whole, whole))
+            counts[what] += 1
+            if what == "failed by itself":
+                print((killer.folder / "output.txt").read_text()[-2000:], file=sys.stderr)
+                lost += 1
+                break
+            if what == "had finished":
                 continue
-            counts["killed"] += 1
             at = killer.reached()
             counts["killed before the first increment"] += at == 0
             counts["killed when results were being written"] += (

@@ -14,6 +14,7 @@ from . import pictures
 from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
+    from ..calibration.curve import MeasuredCurve
     from ..experiments.base import Experiment
     from ..experiments.result import State, TestResult
 
@@ -43,8 +44,9 @@ def draw_all(
     without: TestResult | None,
     membranes: Sequence[Any],
     summary: dict[str, Any],
-) -> None:
-    """Draw every picture of a run into a folder. Collective.
+    measured: MeasuredCurve | None = None,
+) -> list[str]:
+    """Draw every picture of a run into a folder; returns their names. Collective.
 
     Parameters
     ----------
@@ -56,36 +58,51 @@ def draw_all(
         For each state, or (small displacements) for the last one; may be empty.
     summary : dict
         The run's summary; its ladder is drawn if it has one.
+    measured : MeasuredCurve, optional
+        To be drawn over the load curve.
+
+    Returns
+    -------
+    list of str
+        Names of the files, in an order to read them in.
     """
-    comm, title = result.network.comm, summary["title"]
+    comm, title = result.network.comm, plain_text(summary["title"])
     experiment = result.experiment
     membrane = membranes[-1] if len(membranes) else None
-    sample = draw_yarns(directory / "yarns.png", result, title)
+    drawn: list[str] = []
+
+    def file(name: str) -> Path:
+        drawn.append(name)
+        return directory / name
+
+    sample = draw_yarns(file("yarns.png"), result, title)
     # A biaxial test is uniform: there is nothing to see but its curve.
     if len(result.states) > 1 and experiment.finite and experiment.kind != "biaxial":
-        draw_stages(directory / "stages.png", result, title)
-    _draw_loads(directory, result, membranes, title)
+        draw_stages(file("stages.png"), result, title)
+    _draw_loads(file, result, membranes, title, measured)
     if experiment.finite:
-        _draw_energies(directory / "energy.png", result, title)
+        _draw_energies(file("energy.png"), result, title)
     if experiment.has_zones:
         curve = result.curve()
         if experiment.finite:
-            _draw_zones(directory / "zones.png", result, curve, title)
+            _draw_zones(file("zones.png"), result, curve, title)
         else:
             pictures.shear_against_load(
                 comm,
-                directory / "shear_against_load.png",
+                file("shear_against_load.png"),
                 curve["load_N"],
                 curve["shear_centre_deg"],
                 curve["shear_max_deg"],
                 title=title,
             )
-        _draw_centre_line(directory / "centre_line.png", result, without, membrane, title)
-        _draw_maps(directory / "shear_map.png", result, membrane, title)
+        _draw_centre_line(file("centre_line.png"), result, without, membrane, title)
+    if experiment.kind != "biaxial":
+        _draw_maps(file("shear_map.png"), result, membrane, title)
+        _draw_tensions(file("tension_map.png"), result, title)
     if without is not None:
         pictures.with_and_without_bending(
             comm,
-            directory / "with_and_without_bending.png",
+            file("with_and_without_bending.png"),
             _yarns(without),
             sample,
             clamps=_clamps(result, result.states[-1]),
@@ -94,7 +111,7 @@ def draw_all(
     if ladder:
         pictures.convergence(
             comm,
-            directory / "ladder.png",
+            file("ladder.png"),
             [rung["crossovers"] for rung in ladder],
             {
                 "displacement at the crossovers": [r["relative_l2_displacement"] for r in ladder],
@@ -103,6 +120,12 @@ def draw_all(
             ylabel="relative difference to the membrane",
             title=title,
         )
+    return drawn
+
+
+def plain_text(text: str) -> str:
+    """A text that matplotlib writes as it is: a dollar does not begin a formula."""
+    return text.replace("$", r"\$")
 
 
 def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
@@ -177,7 +200,7 @@ def _axis_label(result: TestResult) -> str:
     return labels[name]
 
 
-def _draw_loads(directory: Path, result: TestResult, membranes, title: str) -> None:
+def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> None:
     """The load, or what stands for it, against the control."""
     comm, experiment = result.network.comm, result.experiment
     control, load, _ = _path(result)
@@ -191,7 +214,7 @@ def _draw_loads(directory: Path, result: TestResult, membranes, title: str) -> N
             for name, ratio in (("warp", 1.0), ("weft", experiment.ratio))  # type: ignore[attr-defined]
         }  # fmt: skip
         pictures.curves(
-            comm, directory / "tension_against_strain.png", curves,
+            comm, file("tension_against_strain.png"), curves,
             ("warp strain (%)", "tension (N/cm)"), title,
         )  # fmt: skip
     elif experiment.kind == "cantilever":
@@ -201,20 +224,31 @@ def _draw_loads(directory: Path, result: TestResult, membranes, title: str) -> N
             "across": (curve["tip_across_mm"], curve["load_N"] / size),
             "along, towards the clamp": (-curve["tip_along_mm"], curve["load_N"] / size),
         }
+        if measured is not None:
+            curves["measured, across"] = (1e3 * measured.displacement, measured.force / size)
         pictures.curves(
-            comm, directory / "load_against_deflection.png", curves,
+            comm, file("load_against_deflection.png"), curves,
             ("deflection of the loaded edge (mm)", f"load ({unit})"), title,
         )  # fmt: skip
     else:
         others = {}
         if len(membranes) == len(asked):
             others["membrane"] = (asked, np.array([membrane.load for membrane in membranes]))
+        if measured is not None and experiment.unit == "m":
+            others["measured"] = (1e3 * measured.displacement, measured.force)
         name = experiment.column[0].partition("_")[0]
         marks = None if len(control) == len(asked) else (asked, result.loads)
         pictures.load_against_extension(
-            comm, directory / f"load_against_{name}.png", control, load,
+            comm, file(f"load_against_{name}.png"), control, load,
             points=others, marks=marks, xlabel=_axis_label(result), title=title,
         )  # fmt: skip
+        if measured is not None and experiment.unit != "m":
+            curve = result.curve()
+            pictures.load_against_extension(
+                comm, file("load_against_crosshead.png"), curve["crosshead_mm"], curve["load_N"],
+                points={"measured": (1e3 * measured.displacement, measured.force)},
+                xlabel="displacement of the crosshead (mm)", title=title,
+            )  # fmt: skip
 
 
 def _draw_energies(path: Path, result: TestResult, title: str) -> None:
@@ -293,3 +327,16 @@ def _draw_maps(path, result, membrane, title) -> None:
         angle = membrane.evaluate(network.crossover_position)["shear_angle"]
         values["membrane"] = np.rad2deg(angle)
     pictures.shear_maps(network.comm, path, sample_map(network, values), tuple(values), title)
+
+
+def _draw_tensions(path, result, title) -> None:
+    network, fields = result.network, result.fields
+    values = {
+        name: np.where(
+            fields["carrying"],
+            fields[f"{name}_tension"] / getattr(network.fabric, name).yarns,
+            np.nan,
+        )
+        for name in ("warp", "weft")
+    }
+    pictures.tension_maps(network.comm, path, sample_map(network, values), title)

@@ -248,6 +248,39 @@ def shear_maps(
     _save(comm, path, draw)
 
 
+def tension_maps(
+    comm: MPI.Intracomm, path: str | Path, sample: MapSample | None, title: str = ""
+) -> None:
+    """Draw maps of the yarns' tension side by side, with one colour scale.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    sample : MapSample
+        With the values "warp" and "weft", N per yarn; needed on rank 0 only.
+    title : str
+    """
+
+    def draw() -> Figure:
+        assert sample is not None
+        every = np.abs(np.concatenate(list(sample.values.values())))
+        largest = float(np.max(every[np.isfinite(every)], initial=0.0))
+        unit, size = ("N", 1.0) if largest >= 0.1 else ("mN", 1e-3)
+        values = {name: value / size for name, value in sample.values.items()}
+        colours = _angle_colours(list(values.values()), 0.99)
+        panels = _Panels(*_bounds(sample.outline), len(values))
+        for axes, (name, value) in zip(panels.axes, values.items(), strict=True):
+            _add_map(axes, sample, value, colours)
+            axes.set_title(name[:1].upper() + name[1:])
+        panels.colour_bar(len(values) - 1, colours, f"tension ({unit} per yarn)")
+        if title:
+            panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
+        return panels.figure
+
+    _save(comm, path, draw)
+
+
 def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours) -> None:
     """Fill each crossover's cell, cut by the outline.
 
@@ -365,6 +398,46 @@ def curves(
     _draw_curves(
         comm, path, {key: from_origin(*line) for key, line in lines.items()}, labels, title
     )
+
+
+def overlaid(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]],
+) -> None:
+    """Draw curves over each other, in panels side by side.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    path : str or Path
+    panels : sequence of (labels of the axes, curves)
+        Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
+    """
+
+    def draw() -> Figure:
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(4.6 * len(panels) + 0.6, 4.1), layout="constrained")
+        every = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (names, lines) in zip(every, panels, strict=True):
+            _plain_axes(axes, names, "")
+            for i, (label, ((x, y), as_points)) in enumerate(lines.items()):
+                style = {"color": COLOURS[i], "clip_on": False, "zorder": 4 - i}
+                style |= (
+                    {"linestyle": "", "marker": MARKERS[i], "fillstyle": "none", "markersize": 5}
+                    if as_points
+                    else {"linestyle": DASHES[i]}
+                )
+                # Without a dollar or a leading underscore that mean something to matplotlib.
+                literal = label.replace("$", r"\$").lstrip("_")
+                axes.plot(x, y, label=literal, **style)
+            _include_zero(axes)
+        handles, texts = every[0].get_legend_handles_labels()
+        figure.legend(handles, texts, loc="outside upper left", frameon=False)
+        return figure
+
+    _save(comm, path, draw)
 
 
 def zones(
@@ -515,10 +588,14 @@ def _curve_axes(labels: tuple[str, str], title: str) -> tuple[Figure, Axes]:
 
     figure = Figure(figsize=(5.4, 3.7), layout="constrained")
     axes = figure.subplots()
+    _plain_axes(axes, labels, title)
+    return figure, axes
+
+
+def _plain_axes(axes: Axes, labels: tuple[str, str], title: str) -> None:
     axes.set(xlabel=labels[0], ylabel=labels[1], title=title)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="0.9", linewidth=0.6)
-    return figure, axes
 
 
 def _line(i: int, points: int) -> dict[str, Any]:

@@ -68,6 +68,8 @@ class Increment:
         Of the test, N, once it has been measured.
     asked : bool
         Whether the control is one that was asked for, rather than a step on the way.
+    cuts : int
+        How often the step failed and was halved before this one.
     """
 
     control: float
@@ -81,6 +83,7 @@ class Increment:
     seconds: float = 0.0
     load: float = float("nan")
     asked: bool = False
+    cuts: int = 0
 
 
 class EquilibriumError(SolverError):
@@ -467,7 +470,7 @@ def follow(
         target = targets[path.target]
         before = targets[path.target - 1] if path.target else 0.0
         most = abs(target - before) if step is None else step
-        reached = False
+        reached, cuts = False, 0
         while not reached:  # once at least: a value asked for twice is two states
             allowed = min(most, path.allowed or most)
             gap = target - path.control
@@ -476,12 +479,14 @@ def follow(
             try:
                 increment = path.advance(next_control)
             except EquilibriumError:
+                cuts += 1
                 path.allowed = 0.5 * abs(next_control - path.control)
                 if path.allowed <= most * 0.5**most_cuts:
                     raise
                 continue
             path.allowed = min(most, 2.0 * allowed) if increment.iterations <= 8 else allowed
             reached = increment.asked = next_control == target
+            increment.cuts, cuts = cuts, 0
             if reached:
                 path.target, path.allowed = path.target + 1, None
             done.append(increment)

@@ -1,0 +1,440 @@
+# SPDX-License-Identifier: MIT
+"""Curves over each other and their differences in figures: `cruciform-petsc compare A B`.
+
+A run with measured data (``output.measured``) compares its load with them in the same way.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .calibration.curve import read_curve
+from .case import on_root
+from .errors import InputError
+from .output import pictures
+from .output.folder import prepare_directory
+from .output.tables import write_json
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from .calibration.curve import MeasuredCurve
+    from .experiments.result import TestResult
+
+# Columns of a curve that a test machine's displacement is compared with.
+DISPLACEMENTS = ("extension_mm", "crosshead_mm", "tip_across_mm")
+# A value this small beside the largest of its curve has no relative difference.
+NOTHING = 1e-9
+NAMES = {
+    "load_N": "load",
+    "energy_J": "energy",
+    "shear_centre_deg": "shear angle in the centre",
+    "shear_max_deg": "largest shear angle",
+    "shear_middle_deg": "shear angle of the middle zone",
+    "shear_side_deg": "shear angle of the side zones",
+    "shear_clamp_deg": "shear angle at the clamps",
+    "extension_mm": "extension (mm)",
+    "crosshead_mm": "displacement of the crosshead (mm)",
+    "tip_across_mm": "deflection of the loaded edge (mm)",
+    "angle_deg": "shear angle of the frame (°)",
+    "strain_warp_percent": "warp strain (%)",
+}
+
+Line = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far one curve is from another at some points.
+
+    Attributes
+    ----------
+    points : int
+    rms, end, largest : float
+        Root of the mean square, at the last point, and the largest in size with its sign:
+        (a - b)/b if ``relative``, else a - b.
+    largest_at : float
+        Where on the axis the largest is.
+    relative : bool
+    """
+
+    points: int
+    rms: float
+    end: float
+    largest: float
+    largest_at: float
+    relative: bool
+
+    def as_dict(self) -> dict[str, float | int]:
+        """Plain numbers; names tell which are relative."""
+        tail = "_relative" if self.relative else ""
+        return {
+            "points": self.points,
+            f"rms{tail}": self.rms,
+            f"end{tail}": self.end,
+            f"largest{tail}": self.largest,
+            "largest_at": self.largest_at,
+        }
+
+    def text(self) -> str:
+        """The figures for people."""
+        size, unit, form = (100.0, " %", "+.2f") if self.relative else (1.0, " deg", "+.3f")
+        return (
+            f"RMS {size * self.rms:{form[1:]}}{unit}, at the end {size * self.end:{form}}{unit}, "
+            f"at most {size * self.largest:{form}}{unit} at {self.largest_at:.4g}"
+        )
+
+
+def loading(x: np.ndarray, y: np.ndarray) -> Line:
+    """The loading branch of a curve, from the origin on: what lies beyond all before it.
+
+    Parameters
+    ----------
+    x, y : float (n,)
+        In the order of the test; entries that are not finite are left out. x of one sign, else
+        the side of the largest in size.
+
+    Returns
+    -------
+    x, y : float (m,)
+        Ascending in size, with the origin in front.
+    """
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = np.asarray(x, float)[good], np.asarray(y, float)[good]
+    if not x.size:
+        return np.zeros(1), np.zeros(1)
+    size = x * (np.sign(x[np.abs(x).argmax()]) or 1.0)
+    before = np.concatenate([[0.0], np.maximum.accumulate(size)[:-1]])
+    beyond = size > np.maximum(before, 0.0)
+    return np.insert(x[beyond], 0, 0.0), np.insert(y[beyond], 0, 0.0)
+
+
+def value_at(curve: Line, at: np.ndarray) -> np.ndarray:
+    """Values of a loading branch at points within it, by monotone cubics (PCHIP); (n,)."""
+    from scipy.interpolate import PchipInterpolator
+
+    x, y = curve
+    if len(x) == 2:  # proportional
+        return y[1] * at / x[1]
+    sign = np.sign(x[-1])
+    return PchipInterpolator(sign * x, y)(sign * at)
+
+
+def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Difference | None:
+    """Difference of two loading branches at some points.
+
+    Parameters
+    ----------
+    a, b : (x, y)
+        From `loading`; relative differences are relative to b.
+    at : float (n,)
+        Points; those beyond one of the curves, and at rest, do not count.
+    relative : bool
+
+    Returns
+    -------
+    Difference or None
+        None if no point is left.
+    """
+    if len(a[0]) < 2 or len(b[0]) < 2 or a[0][-1] * b[0][-1] <= 0.0:
+        return None
+    end = min(abs(a[0][-1]), abs(b[0][-1])) * (1 + 1e-9)
+    at = np.unique(at[(at * b[0][-1] > 0.0) & (np.abs(at) <= end)])
+    at = at[np.argsort(np.abs(at))]
+    mine, other = value_at(a, at), value_at(b, at)
+    if relative:
+        good = np.abs(other) > NOTHING * np.abs(b[1]).max()
+        at, mine, other = at[good], mine[good], other[good]
+    if not at.size:
+        return None
+    off = (mine - other) / other if relative else mine - other
+    i = int(np.abs(off).argmax())
+    return Difference(
+        len(at),
+        float(np.sqrt(np.mean(off**2))),
+        float(off[-1]),
+        float(off[i]),
+        float(at[i]),
+        relative,
+    )
+
+
+# -- a run and measured data -----------------------------------------------------------------------
+
+
+def load_line(result: TestResult) -> tuple[str, Line]:
+    """Load (N) over displacement (mm) of a result, as a test machine sees it. Collective.
+
+    With all increments, if the displacement is what the test prescribes.
+
+    Returns
+    -------
+    name, (x, y)
+        The displacement's column, and the loading branch.
+    """
+    curve = result.curve()
+    name = _displacement(curve, result.experiment.kind)
+    if name == "extension_mm" and result.increments:
+        steps = result.increments
+        return name, loading(
+            np.array([step.control for step in steps]) / result.experiment.column[1],
+            np.array([step.load for step in steps]),
+        )
+    return name, loading(curve[name], curve["load_N"])
+
+
+def against_measured(line: Line, measured: MeasuredCurve) -> dict[str, Any]:
+    """Figures of a computed load (mm, N; see `load_line`) against a measured one, for a summary."""
+    x, force = 1e3 * measured.displacement, measured.force
+    told: dict[str, Any] = {
+        "points_measured": len(x),
+        "displacement_mm": x,
+        "measured_n": force,
+        "load_n": np.where(x <= line[0][-1] * (1 + 1e-9), _within(line, x), np.nan),
+    }
+    found = difference(line, loading(x, force), x)
+    return told | ({"points": 0} if found is None else found.as_dict())
+
+
+def _within(line: Line, at: np.ndarray) -> np.ndarray:
+    return value_at(line, np.minimum(at, max(line[0][-1], 0.0))) if len(line[0]) > 1 else 0.0 * at
+
+
+def check_measured(kind: str) -> None:
+    """Refuse to compare a kind of test that has no load over a displacement."""
+    if kind == "biaxial":
+        raise InputError(
+            "output.measured is a force over a displacement, which a biaxial test does not have, "
+            "leave it out"
+        )
+
+
+# -- two curves ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two that are compared.
+
+    Attributes
+    ----------
+    path, title : str
+    kind : str
+        Of test, or "measured".
+    columns : dict of float (n,)
+        At the values asked for, the control first; names carry the units.
+    path_columns : dict of float (m,)
+        The same at all increments, for columns that are known there.
+    """
+
+    path: str
+    title: str
+    kind: str
+    columns: dict[str, np.ndarray]
+    path_columns: dict[str, np.ndarray]
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether it is no result of ours."""
+        return self.kind == "measured"
+
+    def line(self, x: str, y: str) -> Line:
+        """The loading branch of a column over another, with all increments if they have it."""
+        columns = self.columns
+        if x in self.path_columns and y in self.path_columns:
+            columns = self.path_columns
+        return loading(columns[x], columns[y])
+
+
+def read_side(path: str | Path) -> Side:
+    """Read a folder of results, or a CSV file of a measured curve.
+
+    Raises
+    ------
+    InputError
+        One sentence.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise InputError(
+            f'"{path}" does not exist, name a folder of results or a CSV file of a measured curve'
+        )
+    if not path.is_dir():
+        measured = read_curve(path)
+        columns = {"displacement_mm": 1e3 * measured.displacement, "load_N": measured.force}
+        return Side(str(path), path.name, "measured", columns, {})
+    if not (path / "curve.csv").is_file():
+        raise InputError(
+            f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
+        )
+    columns = _table(path / "curve.csv")
+    further = _table(path / "increments.csv") if (path / "increments.csv").is_file() else {}
+    try:
+        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+        title, kind = str(summary["title"]), str(summary["kind"])
+    except (OSError, ValueError, KeyError, TypeError):
+        title, kind = path.name, "unknown"
+    return Side(str(path), title, kind, _with_energy(columns), _with_energy(further))
+
+
+def _table(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a CSV file of ours; an empty field is NaN."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header, *rows = list(csv.reader(file))
+        values = np.array([[float(cell or "nan") for cell in row] for row in rows], float)
+        values = values.reshape(len(rows), len(header))
+    except OSError as error:
+        raise InputError(f'"{path}" cannot be read: {error.strerror}') from None
+    except ValueError:
+        raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
+    if not rows or "load_N" not in header:
+        raise InputError(f'"{path}" has no loads')
+    return dict(zip(header, values.T, strict=True))
+
+
+def _with_energy(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    parts = [value for name, value in columns.items() if name.startswith("energy_")]
+    kept = {
+        name: value
+        for name, value in columns.items()
+        if not name.startswith("energy_")
+        and name not in ("newton_iterations", "residual_N", "tolerance_N", "asked", "seconds")
+    }
+    return kept | ({"energy_J": np.sum(parts, axis=0)} if parts else {})
+
+
+def _displacement(columns: Mapping[str, Any], kind: str) -> str:
+    name = next((name for name in DISPLACEMENTS if name in columns), None)
+    if name is None:
+        raise InputError(
+            f"a {kind} test has no force over a displacement to compare with measured data"
+        )
+    return name
+
+
+def compare(
+    a: Side, b: Side
+) -> tuple[dict[str, Any], dict[str, Difference], dict[str, tuple[Line, Line]]]:
+    """Differences of all columns that two have in common.
+
+    Returns
+    -------
+    told : dict
+        Plain data: what was compared, over what, and for each column the figures.
+    figures : dict of Difference
+        By column.
+    lines : dict of (line of a, line of b)
+        By column.
+
+    Raises
+    ------
+    InputError
+        They have nothing in common.
+    """
+    if a.is_measured or b.is_measured:
+        axes = [
+            "displacement_mm" if side.is_measured else _displacement(side.columns, side.kind)
+            for side in (a, b)
+        ]
+        names = ["load_N"]
+    else:
+        axes = [next(iter(side.columns)) for side in (a, b)]
+        if axes[0] != axes[1]:
+            raise InputError(
+                f'"{a.path}" is a curve over {axes[0]} and "{b.path}" one over {axes[1]}, which '
+                "cannot be compared"
+            )
+        names = [name for name in a.columns if name in b.columns and name != axes[0]]
+    lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
+    # Where one was measured, or was asked for: there at least that one is exact.
+    marked = [
+        side.columns[x] for side, x in zip((a, b), axes, strict=True)
+        if side.is_measured or not (a.is_measured or b.is_measured)
+    ]  # fmt: skip
+    at = np.concatenate(marked)
+    found = {
+        name: difference(*pair, at, relative=not name.endswith("_deg"))
+        for name, pair in lines.items()
+    }
+    figures = {name: value for name, value in found.items() if value is not None}
+    if not figures:
+        ends = [side.columns[x] for side, x in zip((a, b), axes, strict=True)]
+        texts = [f"{end.min():.4g} to {end.max():.4g} {_unit(axes[0])}" for end in ends]
+        raise InputError(
+            f'"{a.path}" ({texts[0]}) and "{b.path}" ({texts[1]}) have no range in common'
+        )
+    axis = next((x for x in axes if x != "displacement_mm"), axes[0])
+    told = {
+        "a": {"path": a.path, "title": a.title, "kind": a.kind},
+        "b": {"path": b.path, "title": b.title, "kind": b.kind},
+        "over": axis,
+        "relative_to": "b",
+        "differences": {name: value.as_dict() for name, value in figures.items()},
+    }
+    return told, figures, {name: lines[name] for name in figures}
+
+
+def _unit(column: str) -> str:
+    return {"percent": "%"}.get(unit := column.rpartition("_")[2], unit)
+
+
+def compare_command(
+    comm: MPI.Intracomm,
+    a_path: str,
+    b_path: str,
+    directory: str | Path,
+    log: logging.Logger,
+) -> dict[str, Any]:
+    """Compare, tell, and write comparison.json and comparison.png into a folder. Collective."""
+    a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
+    told, figures, lines = compare(a, b)
+    folder = prepare_directory(comm, directory)
+    log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
+    log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
+    log.info("A less B, loads and energies relative to B, angles in degrees:")
+    for name, value in figures.items():
+        what, at = NAMES.get(name, name), f"{_unit(told['over'])} ({value.points} points)"
+        log.info("   %-32s %s %s", what, value.text(), at)
+    write_json(comm, folder / "comparison.json", told)
+    label = NAMES.get(told["over"], told["over"])
+    labels = _labels(a, b)
+    shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
+    pictures.overlaid(
+        comm,
+        folder / "comparison.png",
+        [
+            (
+                (label, _axis(name)),
+                {labels[i]: (lines[name][i], side.is_measured) for i, side in enumerate((a, b))},
+            )
+            for name in shown or list(lines)[:2]
+        ],
+    )
+    log.info("comparison in %s", folder)
+    return told
+
+
+def _axis(name: str) -> str:
+    unit = {"deg": "°"}.get(_unit(name), _unit(name))
+    return f"{NAMES.get(name, name.rpartition('_')[0])} ({unit})"
+
+
+def _labels(a: Side, b: Side) -> list[str]:
+    """What a legend calls them: titles if they differ, else paths."""
+    titles = [f"measured: {side.title}" if side.is_measured else side.title for side in (a, b)]
+    titles = titles if titles[0] != titles[1] else [a.path, b.path]
+    if titles[0] == titles[1]:
+        titles = [f"A: {titles[0]}", f"B: {titles[1]}"]
+    return titles
+
+
+__all__ = ["Difference", "against_measured", "compare", "compare_command", "difference"]
