@@ -523,7 +523,7 @@ class FiniteNetwork:
         return nodes.exchange.forward(x)
 
     def most_sheared(self, x: np.ndarray) -> np.ndarray | None:
-        """Place at rest (x, y) of a crossover whose warp and weft have passed each other. Collective.
+        """Place at rest (x, y) of a crossover whose warp and weft passed each other. Collective.
 
         None where there is none: every quadrant's arms still turn the way they did at rest. Beyond
         90 degrees of shear the kernels' angle would come back, which no cloth does.
@@ -536,7 +536,7 @@ class FiniteNetwork:
                 gone = c.arm_length[:, (arm + 2) % 4] == 0
                 chord[gone] = sign * (x[c.nodes[gone, arm]] - hinge[gone])
         turn = warp[:, 0] * weft[:, 1] - warp[:, 1] * weft[:, 0]
-        both = (c.arm_length > 0).reshape(-1, 2, 2).any(axis=1).all(axis=1)
+        both = (c.arm_length[:, :2] + c.arm_length[:, 2:] > 0).all(axis=1)
         worst = int(np.where(both, turn, np.inf).argmin()) if len(turn) else 0
         value = float(turn[worst]) if len(turn) and both[worst] else np.inf
         place = network.crossover_position[c.rows[worst]].tolist() if len(turn) else []

@@ -3,8 +3,8 @@
 
 Everything here is in *lattice coordinates*: crossover (i, j) lies at (i, j), warp yarn j runs
 along the first coordinate, weft yarn i along the second. The outline is a polygon with holes,
-given by its boundary segments. Memory and time grow with the length of the outline, not with its area: each
-rank can afford to know all of it.
+given by its boundary segments. Memory and time grow with the length of the outline, not with its
+area: each rank can afford to know all of it.
 """
 
 from __future__ import annotations

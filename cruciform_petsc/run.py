@@ -577,8 +577,6 @@ def _solver(case: Case, result: TestResult) -> dict[str, Any]:
             "iterations": result.solver.iterations,
             "reason": result.solver.reason,
             "relative_residual": result.solver.relative_residual,
-            "setup_s": result.solver.setup_s,
-            "solution_s": result.solver.solution_s,
         }
     from petsc4py import PETSc
 

@@ -35,10 +35,8 @@ from .kinematics import HELD
 _WARP_ARM = tuple(int(i) for i in QUADRANTS[:, 0])
 _WEFT_ARM = tuple(int(j) for j in QUADRANTS[:, 1])
 _SIGN = (1.0, -1.0, 1.0, -1.0)
-HINGE = 4  # number of the hinge among the points of a cruciform
-RIGHT_ANGLE = 0.5 * np.pi
 
-# Liberties of the compiler that keep NaN and infinity what they are: a state that is none must show.
+# Liberties of the compiler that keep NaN and infinity what they are: what is no state must show.
 FREE = {"contract", "reassoc", "nsz", "arcp"}
 
 ENERGY, FORCE, STIFFNESS = 0, 1, 2  # how much a kernel works out

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The yarn multigrid at finite deformation: the same answers, in few iterations, deformed or not."""
+"""The yarn multigrid at finite deformation: the same answers in few iterations, also deformed."""
 
 import numpy as np
 import pytest
