@@ -34,6 +34,7 @@ from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
 from .output.figures import control_text
+from .output.progress import Route, progress_bar
 from .output.report import write_report
 from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
@@ -199,7 +200,7 @@ def run_case(
     size = "finite deformation" if case.test.finite else f"{case.test.model} model"
     with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
         try:
-            with _telling_how_to_resume(checkpoint):
+            with _telling_how_to_resume(checkpoint), progress.bar():
                 result = experiment.solve(progress, checkpoint)
         except EquilibriumError as error:
             failure, result = error, error.result
@@ -290,6 +291,38 @@ class Progress:
     def __init__(self, experiment: Experiment, path: Path, log: logging.Logger):
         self.experiment, self.path, self.log = experiment, path, log
         self.increments: list[Increment] = []
+        self._route = Route(experiment.values)
+        self._tell_bar: Callable[[float, str], None] | None = None
+
+    @contextmanager
+    def bar(self) -> Iterator[None]:
+        """Show a bar while a finite test is solved, if there is a terminal to show it on."""
+        if not self.experiment.finite:
+            yield
+            return
+        with progress_bar(self.log, self._route.length, self._done()) as self._tell_bar:
+            yield
+        self._tell_bar = None
+
+    def _done(self) -> float:
+        """How much of the way through the values asked for lies behind."""
+        if not self.increments:
+            return 0.0
+        last = self.increments[-1]
+        at = last.load if self.experiment.by_load else last.control
+        return self._route.done(sum(step.asked for step in self.increments), at)
+
+    def _text(self) -> str:
+        """What stands before the bar."""
+        experiment, last = self.experiment, self.increments[-1]
+        values = experiment.values
+        largest = float(values[np.abs(values).argmax()])
+        if experiment.by_load:
+            text = f"load {format_si(float(f'{last.load:.4g}'), 'N')} of {format_si(largest, 'N')}"
+        else:
+            now, most = (control_text(experiment, at) for at in (last.control, largest))
+            text = f"{now} of {' '.join(most.split()[-2:])}"
+        return f"increment {len(self.increments)}, {text}, {last.iterations} Newton iterations"
 
     def go_on_from(self, increments: list[Increment]) -> None:
         """Take note of the increments of a former run. Collective."""
@@ -302,6 +335,8 @@ class Progress:
     def __call__(self, increment: Increment) -> None:
         """Take note of an increment. Collective."""
         self.increments.append(increment)
+        if self._tell_bar is not None:
+            self._tell_bar(self._done(), self._text())
         mended = f", {increment.shifted} of them mended" if increment.shifted else ""
         self.log.info(
             "%8.2f s    %-22s%s %2d Newton iterations%s",
