@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import platform
 import resource
 import time
@@ -70,6 +71,13 @@ def peak_mib(comm: MPI.Intracomm) -> list[float]:
     """Largest resident memory of each rank so far, MiB. Collective."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return comm.allgather(round(peak / (2**20 if platform.system() == "Darwin" else 1024), 1))
+
+
+def log_compilation(log: logging.Logger) -> None:
+    """Tell that kernels will be compiled, where there is no cache of compiled ones beside them."""
+    here = Path(__file__).parent
+    if os.access(here, os.W_OK) and not any(here.glob("__pycache__/*.nbi")):
+        log.info("           first run here: kernels are compiled, once, which takes some 10 s")
 
 
 def log_network(log: logging.Logger, statistics: dict) -> None:
@@ -171,6 +179,7 @@ def run_case(
     measured = _read_measured(comm, case)
     stages = Stages(comm, log)
     log.info("%s", case.title)
+    log_compilation(log)
     log.info(
         "           cruciform_petsc %s, PETSc %s, %d rank%s",
         __version__,
@@ -612,6 +621,8 @@ def _solver(case: Case, result: TestResult) -> dict[str, Any]:
             "iterations": result.solver.iterations,
             "reason": result.solver.reason,
             "relative_residual": result.solver.relative_residual,
+            "setup_s": result.solver.setup_s,
+            "solution_s": result.solver.solution_s,
         }
     from petsc4py import PETSc
 
