@@ -76,7 +76,7 @@ def peak_mib(comm: MPI.Intracomm) -> list[float]:
 def log_compilation(log: logging.Logger) -> None:
     """Tell that kernels will be compiled, where there is no cache of compiled ones beside them."""
     here = Path(__file__).parent
-    if os.access(here, os.W_OK) and not any(here.glob("__pycache__/*.nbi")):
+    if os.access(here, os.W_OK) and not any(here.glob("__pycache__/pattern.*.nbi")):
         log.info("           first run here: kernels are compiled, once, which takes some 10 s")
 
 
