@@ -14,7 +14,6 @@ import types
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from textwrap import shorten
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -42,7 +41,7 @@ from pydantic import (
     model_validator,
 )
 
-from .errors import CruciformError, InputError
+from .errors import CruciformError, InputError, cut, shown
 from .fabric import Fabric
 from .preform import Preform
 from .units import format_si, parse, parse_unit, to_si
@@ -80,7 +79,7 @@ def _quantities(
     def check_one(value: Any) -> None:
         number = parse(value, unit)
         if good is not None and not good(number):
-            raise ValueError(f'must be {wanted}, got "{value}"')
+            raise ValueError(f'must be {wanted}, got "{cut(value)}"')
 
     def check(value: Any) -> None:
         if not isinstance(value, list):
@@ -104,7 +103,7 @@ def _unit(si: str) -> PlainValidator:
 
 def _positive_length(value: str) -> str:
     if parse(value, "m") <= 0.0:
-        raise ValueError(f'must be positive, got "{value}"')
+        raise ValueError(f'must be positive, got "{cut(value)}"')
     return value
 
 
@@ -116,7 +115,9 @@ def _petsc_options(value: Any) -> Any:
         if not re.fullmatch(r"[A-Za-z]\w*", name):
             raise ValueError(f'has the option "{name}", write it like "ksp_type", without a dash')
         if not isinstance(setting, str | int | float):
-            raise ValueError(f'"{name}" must be a string, a number or true/false, got {setting!r}')
+            raise ValueError(
+                f'"{name}" must be a string, a number or true/false, got {shown(setting)}'
+            )
     return value
 
 
@@ -915,17 +916,17 @@ def _sentence(model: type[BaseModel], error: dict[str, Any]) -> str:
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts)[1:]
     wanted = _WANTED.get(kind)
     if wanted is not None:
-        text = f"{key} must be {wanted}, got {shorten(repr(got), 60)}"
+        text = f"{key} must be {wanted}, got {shown(got, 60)}"
     elif kind == "missing":
         text = f"{key} is missing"
     elif kind == "value_error":
         text = f"{key} {context['error']}"
     elif kind == "union_tag_invalid":
         *most, last = context["expected_tags"].replace("'", '"').split(", ")
-        text = f"{key}.kind must be {', '.join(most)} or {last}, got {got['kind']!r}"
+        text = f"{key}.kind must be {', '.join(most)} or {last}, got {shown(got['kind'])}"
     elif kind == "literal_error":
         known_values = context["expected"].replace("'", '"')
-        text = f"{key} must be {known_values}, got {shorten(repr(got), 60)}"
+        text = f"{key} must be {known_values}, got {shown(got, 60)}"
     elif kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
         length = f"{limit}" if limit == 2 else f"at least {limit}"  # pairs are exact

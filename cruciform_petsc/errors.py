@@ -25,3 +25,16 @@ class SolverError(CruciformError):
         super().__init__(message)
         self.reason = reason
         self.history = history or []
+
+
+def cut(text: str, most: int = 80) -> str:
+    """The beginning of a text that is too long for a message."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def shown(value: object, most: int = 80) -> str:
+    """What was given, for a message, or the beginning of it."""
+    try:
+        return cut(repr(value), most)
+    except ValueError:  # Python does not write whole numbers of thousands of digits
+        return "a number of thousands of digits"

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, shown
 from .potential import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from .potential import table as table_law
 from .units import format_si, parse_unit, to_si
@@ -127,6 +127,13 @@ class Fabric:
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
+        for side in ("warp", "weft"):
+            family = getattr(self, side)
+            for name in ("modulus", "poisson", "yarns", "yarn_bending"):
+                _check_float(f"fabric.{side}.{name}", getattr(family, name))
+        _check_float("fabric.shear.modulus", self.shear_modulus)
+        _check_float("fabric.tension.compression", self.compression)
+        _check_float("fabric.tension.compression_width", self.compression_width)
         _check_slope("fabric.shear", self.shear_law, self.shear_modulus, "shear_modulus")
         for side, law in (("warp", self.warp_law), ("weft", self.weft_law)):
             family = getattr(self, side)
@@ -384,6 +391,14 @@ def _library() -> dict[str, dict[str, Any]]:
     return tomllib.loads(text)
 
 
+def _check_float(key: str, value: Any) -> None:
+    """Refuse what is no number, and whole numbers of hundreds of digits."""
+    try:
+        float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{key} must be a finite number") from None
+
+
 def _check(key: str, value: float, unit: str, zero: bool = False) -> None:
     """Refuse what is not positive (or, with `zero`, negative) and what is not finite."""
     good = value >= 0.0 if zero else value > 0.0
@@ -443,7 +458,9 @@ def _tension_options(value: Any, key: str) -> dict[str, Any]:
     options: dict[str, Any] = {}
     if "strain" in given:
         if given["strain"] not in _STRAINS:
-            raise InputError(f"{key}.strain must be {_either(_STRAINS)}, got {given['strain']!r}")
+            raise InputError(
+                f"{key}.strain must be {_either(_STRAINS)}, got {shown(given['strain'])}"
+            )
         options["log_strain"] = given["strain"] == "log"
     for name in ("compression", "compression_width"):
         if name in given:
@@ -454,7 +471,7 @@ def _tension_options(value: Any, key: str) -> dict[str, Any]:
 def _entries(value: Any, key: str) -> dict[str, Any]:
     """Return what is given in a table; None is not."""
     if not isinstance(value, Mapping):
-        raise InputError(f"{key} must be a table, got {value!r}")
+        raise InputError(f"{key} must be a table, got {shown(value)}")
     return {name: entry for name, entry in value.items() if entry is not None}
 
 
@@ -472,7 +489,7 @@ def _law_name(given: Mapping[str, Any], laws: Mapping[str, tuple[str, ...]], key
         raise InputError(f"{key}.law is missing")
     law = given["law"]
     if law not in laws:
-        raise InputError(f"{key}.law must be {_either(tuple(laws))}, got {law!r}")
+        raise InputError(f"{key}.law must be {_either(tuple(laws))}, got {shown(law)}")
     _only(given, ("law", *laws[law]), key, f'with law = "{law}"')
     for name in laws[law]:
         if name not in given:
@@ -497,11 +514,15 @@ def _points(
             raise InputError(f"{key}.{name} {error}") from None
     points = given["points"]
     if not isinstance(points, list | tuple) or not points:
-        raise InputError(f"{key}.points must be a list like [[0, 0], [10, 0.01]], got {points!r}")
+        raise InputError(
+            f"{key}.points must be a list like [[0, 0], [10, 0.01]], got {shown(points)}"
+        )
     columns: list[list[float]] = [[], []]
     for i, point in enumerate(points):
         if not isinstance(point, list | tuple) or len(point) != 2:
-            raise InputError(f"{key}.points[{i}] must be a pair like [10, 0.01], got {point!r}")
+            raise InputError(
+                f"{key}.points[{i}] must be a pair like [10, 0.01], got {shown(point)}"
+            )
         for j, value in enumerate(point):
             number = _plain_number(value, f"{key}.points[{i}][{j}]")
             columns[j].append(factors[j] * number)
@@ -518,5 +539,6 @@ def _points(
 
 def _plain_number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{key} must be a number, got {value!r}")
+        raise InputError(f"{key} must be a number, got {shown(value)}")
+    _check_float(key, value)
     return float(value)

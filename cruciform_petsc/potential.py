@@ -229,7 +229,10 @@ def sin_powers(coefficients: Sequence[float]) -> Potential:
 
 
 def _listed(kind: float, coefficients: Sequence[float]) -> Potential:
-    numbers = [float(value) for value in coefficients]
+    try:
+        numbers = [float(value) for value in coefficients]
+    except OverflowError:  # a whole number of hundreds of digits
+        numbers = []
     if not numbers or not np.isfinite(numbers).all():
         raise InputError("a law needs at least one coefficient, all of them finite")
     return Potential((kind, float(len(numbers)), *numbers))
@@ -256,7 +259,10 @@ def table(x: Sequence[float], y: Sequence[float]) -> Potential:
         raise InputError(
             f"a law's table has {len(x)} values in one column and {len(y)} in the other"
         )
-    points = np.array([x, y], float)
+    try:
+        points = np.array([x, y], float)
+    except OverflowError:  # a whole number of hundreds of digits
+        points = np.array([[np.inf]])
     if points.ndim != 2 or points.shape[1] == 0 or not np.isfinite(points).all():
         raise InputError("a law's table needs points, all of them finite")
     if points[0, 0] != 0.0:
@@ -265,16 +271,22 @@ def table(x: Sequence[float], y: Sequence[float]) -> Potential:
         raise InputError(f"a law's table must be zero at zero, got {points[1, 0]:g}")
     if points.shape[1] < 2 or not (np.diff(points[0]) > 0).all():
         raise InputError("a law's table needs ascending, positive values in its first column")
-    if points.shape[1] == 2:  # a straight line
-        slope = points[1, 1] / points[0, 1]
-        cubic = np.array([[0.0], [0.0], [slope], [0.0]])
-    else:
-        # Odd: interpolated through the mirrored points, too, so that it is smooth at zero.
-        mirrored = np.concatenate([-points[:, :0:-1], points], axis=1)
-        cubic = PchipInterpolator(*mirrored).c[:, len(points[0]) - 1 :]
-    c = cubic[::-1]  # ascending powers
-    step = np.diff(points[0])
-    piece = step * (c[0] + step * (c[1] / 2 + step * (c[2] / 3 + step * c[3] / 4)))
-    energy = np.concatenate([[0.0], np.cumsum(piece)])
+    with np.errstate(all="ignore"):  # looked at below
+        if points.shape[1] == 2:  # a straight line
+            slope = points[1, 1] / points[0, 1]
+            cubic = np.array([[0.0], [0.0], [slope], [0.0]])
+        else:
+            # Odd: interpolated through the mirrored points, too, so that it is smooth at zero.
+            mirrored = np.concatenate([-points[:, :0:-1], points], axis=1)
+            try:
+                cubic = PchipInterpolator(*mirrored).c[:, len(points[0]) - 1 :]
+            except ValueError:  # a slope that is not finite
+                cubic = np.full((4, len(points[0]) - 1), np.nan)
+        c = cubic[::-1]  # ascending powers
+        step = np.diff(points[0])
+        piece = step * (c[0] + step * (c[1] / 2 + step * (c[2] / 3 + step * c[3] / 4)))
+        energy = np.concatenate([[0.0], np.cumsum(piece)])
     data = np.concatenate([[TABLE, len(step)], points[0], energy, c.T.ravel()])
+    if not np.isfinite(data).all():
+        raise InputError("a law's table has points too close together, or numbers too large")
     return Potential(tuple(float(value) for value in data))

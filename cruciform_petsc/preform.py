@@ -21,10 +21,11 @@ import shapely
 from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
-from .errors import InputError
+from .errors import InputError, shown
 from .fabric import Fabric
 from .units import format_si, to_si
 
+_SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 _MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
@@ -93,7 +94,9 @@ class Preform:
         for key in ("refine", "yarns_per_cruciform"):
             count = getattr(self, key)
             if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-                raise InputError(f"preform.{key} must be a whole number from 1 up, got {count!r}")
+                raise InputError(
+                    f"preform.{key} must be a whole number from 1 up, got {shown(count)}"
+                )
             if count > _MOST:
                 raise InputError(f"preform.{key} must be at most {_MOST}")
             put(key, int(count))
@@ -165,7 +168,8 @@ class Preform:
             As for `rectangle`.
         """
         shell = _ring(points, "preform.outline.polygon")
-        rings = [_ring(hole, f"preform.outline.holes[{i}]") for i, hole in enumerate(holes)]
+        given = _listed(holes, "preform.outline.holes")
+        rings = [_ring(hole, f"preform.outline.holes[{i}]") for i, hole in enumerate(given)]
         return cls(shapely.Polygon(shell, rings), bias_angle, **options)  # type: ignore[arg-type]
 
     @property
@@ -280,13 +284,19 @@ def _angle(value: Any) -> float:
 def _point(value: Any, key: str) -> tuple[float, float]:
     values = list(value) if isinstance(value, Sequence | np.ndarray) else None
     if isinstance(value, str) or values is None or len(values) != 2:
-        raise InputError(f'{key} must be a pair like ["0 mm", "5 mm"], got {value!r}')
+        raise InputError(f'{key} must be a pair like ["0 mm", "5 mm"], got {shown(value)}')
     x, y = to_si(values, "m", key, bare=True)
     return x, y
 
 
+def _listed(value: Any, key: str) -> Sequence[Any] | np.ndarray:
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise InputError(f"{key} must be a list, got {shown(value)}")
+    return value
+
+
 def _ring(points: Any, key: str) -> list[tuple[float, float]]:
-    ring = [_point(point, f"{key}[{i}]") for i, point in enumerate(points)]
+    ring = [_point(point, f"{key}[{i}]") for i, point in enumerate(_listed(points, key))]
     if len(set(ring)) < 3:
         raise InputError(f"{key} must have at least 3 different corners, got {len(set(ring))}")
     return ring
@@ -295,7 +305,7 @@ def _ring(points: Any, key: str) -> list[tuple[float, float]]:
 def _checked(outline: Any) -> shapely.Polygon:
     """Return the outline with the cloth on its left and no repeated points."""
     if not isinstance(outline, shapely.Polygon) or outline.is_empty:
-        raise InputError(f"preform.outline must be one polygon, got {outline!r}")
+        raise InputError(f"preform.outline must be one polygon, got {shown(outline)}")
     coordinates = shapely.get_coordinates(outline)
     if not np.isfinite(coordinates).all():
         raise InputError("preform.outline has a corner that is not finite")
@@ -322,7 +332,8 @@ def _checked(outline: Any) -> shapely.Polygon:
 
 
 def _check_ring(name: str, piece: shapely.Polygon) -> None:
-    if shapely.get_dimensions(shapely.convex_hull(piece)) < 2:
+    hull = shapely.convex_hull(piece)
+    if shapely.get_dimensions(hull) < 2 or hull.area < _SMALLEST:
         raise InputError(f"{name} has no area, its corners lie on one line")
     if not piece.is_valid:
         reason = explain_validity(piece)

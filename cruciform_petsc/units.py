@@ -16,7 +16,7 @@ from typing import Any, overload
 
 import pint
 
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.errors import InputError, cut, shown
 
 _DEFINITIONS = """
 giga- = 1e9 = G-
@@ -86,7 +86,9 @@ def _factor(text: str, unit: str) -> float:
     kind, example, _ = _KINDS[unit]
     if unit == "1":
         if text not in _STRAINS:
-            raise ValueError(f'has the unit "{text}", which is not that of {kind} like "{example}"')
+            raise ValueError(
+                f'has the unit "{cut(text)}", which is not that of {kind} like "{example}"'
+            )
         return _STRAINS[text]
     registry = _registry()
     try:
@@ -95,13 +97,17 @@ def _factor(text: str, unit: str) -> float:
     except pint.UndefinedUnitError as error:
         names = error.unit_names
         name = names if isinstance(names, str) else ", ".join(names)
-        raise ValueError(f'has the unknown unit "{name}", write for example "{example}"') from None
+        raise ValueError(
+            f'has the unknown unit "{cut(name)}", write for example "{example}"'
+        ) from None
     except Exception:  # pint's parser fails with many types, from TypeError to AssertionError
-        problem = f'has the unreadable unit "{text}", write for example "{example}"'
+        problem = f'has the unreadable unit "{cut(text)}", write for example "{example}"'
         raise ValueError(problem) from None
     wanted = registry.parse_units(unit)
     if parsed.dimensionality != wanted.dimensionality:
-        raise ValueError(f'has the unit "{text}", which is not that of {kind} like "{example}"')
+        raise ValueError(
+            f'has the unit "{cut(text)}", which is not that of {kind} like "{example}"'
+        )
     return float(registry.Quantity(1.0, parsed).to(wanted).magnitude)
 
 
@@ -125,23 +131,28 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     """
     kind, example, _ = _KINDS[unit]
     if isinstance(value, Real) and not isinstance(value, bool):
-        number = float(value)
+        try:
+            number = float(value)
+        except OverflowError:  # a whole number of hundreds of digits
+            number = math.inf
         if not bare:
-            raise ValueError(f'is the bare number {value}, give it a unit like "{example}"')
+            raise ValueError(f'is the bare number {shown(value)}, give it a unit like "{example}"')
         if not math.isfinite(number):
-            raise ValueError(f"must be finite, got {value}")
+            raise ValueError(f"must be finite, got {number}")
         return number
     if not isinstance(value, str):
-        raise ValueError(f'must be {kind} in quotes like "{example}", got {value!r}')
+        raise ValueError(f'must be {kind} in quotes like "{example}", got {shown(value)}')
     match = _NUMBER.fullmatch(value)
     if match is None:
-        raise ValueError(f'must be a finite number with a unit like "{example}", got "{value}"')
+        raise ValueError(
+            f'must be a finite number with a unit like "{example}", got "{cut(value)}"'
+        )
     digits, text = match.groups()
     text = text.strip()
     if not text:
-        raise ValueError(f'= "{value}" has no unit, write for example "{example}"')
+        raise ValueError(f'= "{cut(value)}" has no unit, write for example "{example}"')
     if re.match(r"[,.\d](?!\s*/)", text):  # a second number; only the 1 of "2.4 1/cm" may stand
-        raise ValueError(f'must be one number and a unit like "{example}", got "{value}"')
+        raise ValueError(f'must be one number and a unit like "{example}", got "{cut(value)}"')
     number = float(digits)
     per = _PER_SOME.fullmatch(text)
     if per is not None and float(per[2]) > 0.0:
@@ -150,9 +161,9 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     try:
         number *= _factor(text, unit)
     except ValueError as error:
-        raise ValueError(f'= "{value}" {error}') from None
+        raise ValueError(f'= "{cut(value)}" {error}') from None
     if not math.isfinite(number):
-        raise ValueError(f'must be finite, got "{value}"')
+        raise ValueError(f'must be finite, got "{cut(value)}"')
     return number
 
 
@@ -171,14 +182,14 @@ def parse_unit(value: Any, unit: str) -> float:
     ValueError
         The end of a sentence that begins with the key.
     """
-    kind, example, shown = _KINDS[unit]
+    kind, example, usual = _KINDS[unit]
     if not isinstance(value, str) or not value.strip():
-        raise ValueError(f'must be the unit of {kind} in quotes like "{shown}", got {value!r}')
+        raise ValueError(f'must be the unit of {kind} in quotes like "{usual}", got {shown(value)}')
     try:
         return _factor(value.strip(), unit)
     except ValueError as error:
-        problem = str(error).replace(f'"{example}"', f'"{shown}"')
-        raise ValueError(f'= "{value}" {problem}') from None
+        problem = str(error).replace(f'"{example}"', f'"{usual}"')
+        raise ValueError(f'= "{cut(value)}" {problem}') from None
 
 
 @overload
