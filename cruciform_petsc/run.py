@@ -467,12 +467,12 @@ def _read_measured(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
 def _compare_with_measured(
     case: Case, result: TestResult, measured: MeasuredCurve, directory: Path
 ) -> dict[str, Any]:
-    """Compare the load and write measured.csv; returns the summary's part. Collective."""
+    """Compare the load and write load_and_measured.csv; returns the summary's part. Collective."""
     _, line = load_line(result)
     told = {"file": case.output.measured, **against_measured(line, measured)}
     tables.write_csv(
         result.network.comm,
-        directory / "measured.csv",
+        directory / "load_and_measured.csv",
         {
             "displacement_mm": told["displacement_mm"],
             "measured_N": told["measured_n"],

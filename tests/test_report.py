@@ -78,7 +78,7 @@ def made(measured=None, **changes):
 def folder(tmp_path_factory):
     """A run with measured data, one point of which lies beyond it."""
     folder = tmp_path_factory.mktemp("run")
-    measured = folder / "measured.txt"
+    measured = folder / "measured.csv"  # where a user may well put it
     measured.write_text("displacement [mm], force [N]\n0.5, 1\n1, 2\n1.5, 3\n2, 4\n3, 6\n")
     run_case(COMM, made(measured), folder, LOG)
     return folder
@@ -229,7 +229,11 @@ def test_measured_in_a_run(summary, folder):
     assert [measured["load_n"][i] for i in (1, 3)] == pytest.approx(summary["load_n"], rel=1e-12)
     off = np.array(measured["load_n"][:4]) / [1, 2, 3, 4] - 1.0
     assert measured["rms_relative"] == pytest.approx(np.sqrt((off**2).mean()), rel=1e-12)
-    assert (folder / "measured.csv").read_text().startswith("displacement_mm,measured_N,load_N\n")
+    assert (
+        (folder / "load_and_measured.csv")
+        .read_text()
+        .startswith("displacement_mm,measured_N,load_N\n")
+    )
 
 
 def test_measured_file_is_beside_the_case(tmp_path, monkeypatch):
@@ -304,7 +308,7 @@ def test_loading_branch():
 def test_command(tmp_path, capsys, folder, summary):
     """A result against its measured data tells what the run told; the picture is there."""
     out = tmp_path / "out"
-    assert main(["compare", str(folder), str(folder / "measured.txt"), "--output", str(out)]) == 0
+    assert main(["compare", str(folder), str(folder / "measured.csv"), "--output", str(out)]) == 0
     told = json.loads((out / "comparison.json").read_text())
     found, measured = told["differences"]["load_N"], summary["measured"]
     assert found["rms_relative"] == pytest.approx(measured["rms_relative"], rel=1e-12)

@@ -47,7 +47,8 @@ MAPS = (
     "tension_map.png",
     "with_and_without_bending.png",
 )
-WIDE = 1.5  # pictures wider than this, by their height, have a line to themselves
+WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves
+ROW = 300  # pixels of height that a row of pictures has at least, if it can
 
 # Columns of the curve, by what is left of their name without the unit.
 COLUMNS = {
@@ -121,11 +122,8 @@ td.path { white-space: nowrap; width: 1%; padding-right: 24px; }
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr));
   gap: 4px 36px; align-items: start; }
 .columns table { width: 100%; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 400px), 1fr));
-  gap: 22px; align-items: end; justify-items: center; }
-.maps { grid-template-columns: repeat(auto-fit, minmax(min(100%, 300px), 1fr)); }
+.pictures { display: flex; flex-wrap: wrap; gap: 22px; align-items: flex-end; }
 figure { margin: 0; break-inside: avoid; text-align: center; }
-figure.wide { grid-column: 1 / -1; }
 img { max-width: 100%; max-height: 520px; width: auto; height: auto; }
 footer { margin-top: 36px; padding-top: 8px; border-top: 1px solid #d5dde3; }
 @page { margin: 14mm; }
@@ -184,7 +182,7 @@ def page(
         _header(summary, title),
         _key_figures(summary),
         _warnings(summary),
-        _section("Specimen", _pictures(maps, "pictures maps")),
+        _section("Specimen", _pictures(maps)),
         _section("Curves", _pictures(curves)),
         _section("Values asked for", _curve_table(curve)),
         _section("Measured data", _measured(summary.get("measured"))),
@@ -269,19 +267,25 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
-def _pictures(pictures: Sequence[tuple[str, Path]], style: str = "pictures") -> str:
-    figures = []
+def _pictures(pictures: Sequence[tuple[str, Path]]) -> str:
+    """Pictures side by side in rows of equal height, wide ones first."""
+    figures: list[tuple[bool, str]] = []
     for name, path in pictures:
         data = path.read_bytes()
         width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # PNG header
         caption = escape(CAPTIONS.get(name, "Load against what the test prescribes."))
-        wide = ' class="wide"' if width > WIDE * height else ""
-        figures.append(
-            f'<figure{wide}>\n<img alt="{caption}" width="{width}" height="{height}" '
+        ratio = width / height
+        basis = "100%" if ratio > WIDE else f"min(100%, {ROW * ratio:.0f}px)"
+        text = (
+            f'<figure style="flex: {ratio:.3f} 1 {basis}">\n'
+            f'<img alt="{caption}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{base64.b64encode(data).decode("ascii")}">\n'
             f"<figcaption>{caption}</figcaption>\n</figure>\n"
         )
-    return f'<div class="{style}">\n{"".join(figures)}</div>\n' if figures else ""
+        figures.append((ratio <= WIDE, text))
+    figures.sort(key=lambda pair: pair[0])
+    body = "".join(text for _, text in figures)
+    return f'<div class="pictures">\n{body}</div>\n' if body else ""
 
 
 def _curve_table(curve: Mapping[str, np.ndarray]) -> str:
