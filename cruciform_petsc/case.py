@@ -526,10 +526,10 @@ class BiaxialTest(_OneSystemTest):
     @model_validator(mode="after")
     def _both_lengths_positive(self) -> BiaxialTest:
         for strain in self.strain_weft_si:
-            if strain <= -1.0:
+            if not -1.0 < strain < math.inf:
                 raise ValueError(
                     f"prescribes a weft strain (strain times ratio) of {format_si(strain, '1')}, "
-                    "it must be more than -100 %"
+                    "it must be finite and more than -100 %"
                 )
         return self
 

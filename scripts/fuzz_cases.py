@@ -4,10 +4,11 @@
     scripts/fenicsx python3 scripts/fuzz_cases.py [N] [--seed S] [--workers W] [--limit SECONDS]
 
 A third of the files are meant to be good, a third good but for one to three changes (keys taken
-out, put in, swapped, absurd values), a third are barely case files: bytes changed, lines mixed,
-noise. Each goes through the command line within a process of its own kind, with a time limit.
-Four ends are possible: ok; refused with one sentence; a traceback, a crash or more than a sentence;
-no end within the limit. Exit code 1 if there is any of the last two; such files are kept.
+out, put in, swapped, absurd values, numbers larger or smaller by orders of magnitude), a third are
+barely case files: bytes changed, lines mixed, noise. The machine is said to have 0.5 GB, so that no
+network takes long. Each goes through the command line in a worker process, with a time limit. Four
+ends are possible: ok; refused with one sentence; a traceback, a crash or more than a sentence; no
+end within the limit. Exit code 1 if there is any of the last two; such files are kept.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import io
 import math
 import multiprocessing
 import random
+import re
 import sys
 import tempfile
 import time
@@ -30,6 +32,7 @@ from typing import Any
 # The parent starts processes and is no rank itself: what needs MPI is imported in the workers.
 from cruciform_petsc.template import KINDS, new_case, toml_value
 
+MEMORY = 500_000_000  # bytes
 OK, REFUSED, FAULT, HANG = "ok", "refused", "traceback", "hang"
 
 LENGTHS = ("mm", "cm", "m", "in", "um")
@@ -193,8 +196,10 @@ class Maker:
         if not places:
             return
         node, key = self.random.choice(places)
-        how = self.random.randrange(5)
-        if how == 0:
+        how = self.random.randrange(9)
+        if how >= 5:
+            self.rescale(places)
+        elif how == 0:
             del node[key]
         elif how == 1 and isinstance(node, dict):
             other = self.random.choice(places)[1]
@@ -206,6 +211,17 @@ class Maker:
             node[key] = toml_copy(other[its])
         else:
             node[key] = self.random.choice(ABSURD)
+
+    def rescale(self, places: list[tuple[Any, Any]]) -> None:
+        """Change one number, with or without a unit, by some orders of magnitude."""
+        numbers = [(node, key, *parts) for node, key in places if (parts := _number(node[key]))]
+        if numbers:
+            node, key, value, unit = self.random.choice(numbers)
+            value *= self.random.choice((-1, 1, 1, 1, 1)) * 10 ** self.random.uniform(-8, 8)
+            if unit is not None:
+                node[key] = f"{value:.9g}{unit}"
+            else:
+                node[key] = round(value) if isinstance(node[key], int) else value
 
     def garbage(self, text: bytes) -> bytes:
         """Barely a case file."""
@@ -238,6 +254,18 @@ class Maker:
         return bytes(changed)
 
 
+def _number(value: Any) -> tuple[float, str | None] | None:
+    """Number and unit of a quantity; the unit of a bare number is None."""
+    if isinstance(value, str):
+        match = re.match(r"([-+.\de]+)( .*)", value)
+        with contextlib.suppress(ValueError):
+            return (float(match[1]), match[2]) if match else None
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):
+            return (float(value), None) if math.isfinite(value) else None
+    return None
+
+
 def toml_copy(value: Any) -> Any:
     """A copy that shares nothing."""
     if isinstance(value, dict):
@@ -262,8 +290,10 @@ def _value(value: Any) -> str:
 def work(connection: Connection, folder: str) -> None:
     """Check files as they come; answers (end, what was said)."""
     faulthandler.enable()
+    from cruciform_petsc import memory
     from cruciform_petsc.cli import main
 
+    memory.machine_memory = lambda: MEMORY
     path = Path(folder) / f"case-{multiprocessing.current_process().name}.toml"
     while True:
         path.write_bytes(connection.recv_bytes())

@@ -421,8 +421,13 @@ def test_bad_override(write, override):
         ),
         (
             ['test={kind="biaxial", strain="1 %", ratio=-200}'],
-            "test prescribes a weft strain (strain times ratio) of -200 %, it must be more than "
-            "-100 %",
+            "test prescribes a weft strain (strain times ratio) of -200 %, it must be finite and "
+            "more than -100 %",
+        ),
+        (
+            ['test={kind="biaxial", strain="1e9 %", ratio=1e306}'],
+            "test prescribes a weft strain (strain times ratio) of inf %, it must be finite and "
+            "more than -100 %",
         ),
         (
             ['test={kind="biaxial", strain="1 %", ratio=nan}'],

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: MIT
+"""The script of random case files runs, and tells ends apart."""
+
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPT = Path(__file__).parents[1] / "scripts" / "fuzz_cases.py"
+
+
+def test_random_cases(tmp_path):
+    """A few dozen files: each ok or refused, and some of both."""
+    command = [sys.executable, str(SCRIPT), "60", "--seed", "7", "--keep", str(tmp_path / "kept")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert not (tmp_path / "kept").exists()
+    rows = [line.split() for line in result.stdout.splitlines()[1:4]]
+    assert [row[0] for row in rows] == ["good", "nearly", "garbage"]
+    ok, refused = (sum(int(row[i]) for row in rows) for i in (1, 2))
+    assert ok + refused == 60
+    assert min(ok, refused) > 10
+
+
+def test_same_seed_same_files():
+    """Files follow from the seed, so that counts can be repeated."""
+    maker = runpy.run_path(str(SCRIPT))["Maker"]
+    first, second, other = maker(3), maker(3), maker(4)
+    files = [first.case() for _ in range(50)]
+    assert files == [second.case() for _ in range(50)]
+    assert files != [other.case() for _ in range(50)]
