@@ -238,7 +238,8 @@ def run_case(
     without = None
     wanted = case.output.pictures or case.continuum.compare
     comparable = experiment.has_zones and case.test.model == "coupled"
-    if case.test.bending and comparable and wanted and not case.test.finite:
+    moved = result.extension != 0.0  # a list may end at rest
+    if moved and case.test.bending and comparable and wanted and not case.test.finite:
         with stages.stage("solve_without_bending", "the same without yarn bending, to compare"):
             without = make_experiment(
                 case, network, bending=False, controls=float(result.extension)
@@ -253,17 +254,17 @@ def run_case(
     if failure is None and (case.continuum.compare or case.continuum.ladder):
         try:
             membranes = _compare(case, stages, result, without, summary, directory)
+            if case.continuum.ladder:
+                rungs = _ladder(comm, case, stages, result, membranes[-1])
+                summary["continuum"]["ladder"] = rungs
+                tables.write_csv(
+                    comm,
+                    directory / "ladder.csv",
+                    {key: [rung[key] for rung in rungs] for key in rungs[0]},
+                )
         except SolverError as error:
             failure = error
-            summary["continuum"] = {"failed": str(error)}
-    if failure is None and case.continuum.ladder:
-        rungs = _ladder(comm, case, stages, result, membranes[-1])
-        summary["continuum"]["ladder"] = rungs
-        tables.write_csv(
-            comm,
-            directory / "ladder.csv",
-            {key: [rung[key] for rung in rungs] for key in rungs[0]},
-        )
+            summary.setdefault("continuum", {})["failed"] = str(error)
 
     drawn: list[str] = []
     if case.output.pictures:
@@ -327,11 +328,14 @@ class Progress:
         values = experiment.values
         largest = float(values[np.abs(values).argmax()])
         if experiment.by_load:
-            text = f"load {format_si(float(f'{last.load:.4g}'), 'N')} of {format_si(largest, 'N')}"
+            now, most = (format_si(float(f"{at:.4g}"), "N") for at in (last.load, largest))
+            now = f"load {now}"
         else:
             now, most = (control_text(experiment, at) for at in (last.control, largest))
-            text = f"{now} of {' '.join(most.split()[-2:])}"
-        return f"increment {len(self.increments)}, {text}, {last.iterations} Newton iterations"
+        number, unit = most.split()[-2:]
+        now = now.removesuffix(f" {unit}")
+        steps = f"{last.iterations} Newton step{'s' if last.iterations != 1 else ''}"
+        return f"increment {len(self.increments)}, {now} of {number} {unit}, {steps}"
 
     def go_on_from(self, increments: list[Increment]) -> None:
         """Take note of the increments of a former run. Collective."""
@@ -581,20 +585,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
     summary |= experiment.figures(result)
     summary["solver"] = _solver(case, result)
     if result.increments:
-        summary["increments"] = [
-            {
-                "control": increment.control,
-                "load_n": increment.load,
-                "newton_iterations": increment.iterations,
-                "residual_n": increment.residual,
-                "tolerance_n": increment.tolerance,
-                "shifted": increment.shifted,
-                "cuts": increment.cuts,
-                "asked": increment.asked,
-                "seconds": increment.seconds,
-            }
-            for increment in result.increments
-        ]
+        summary["increments"] = _told_increments(result.increments)
         summary["newton_iterations_per_increment"] = float(
             np.mean([increment.iterations for increment in result.increments])
         )
@@ -667,6 +658,23 @@ def _write(case: Case, result: TestResult, directory: Path) -> None:
         result.export(directory)
 
 
+def _told_increments(increments: list) -> list[dict[str, Any]]:
+    return [
+        {
+            "control": increment.control,
+            "load_n": increment.load,
+            "newton_iterations": increment.iterations,
+            "residual_n": increment.residual,
+            "tolerance_n": increment.tolerance,
+            "shifted": increment.shifted,
+            "cuts": increment.cuts,
+            "asked": increment.asked,
+            "seconds": increment.seconds,
+        }
+        for increment in increments
+    ]
+
+
 def _write_nothing_but_increments(comm, case, directory, stages, progress, failure) -> None:
     """Leave a summary of a test that reached none of the values asked for. Collective."""
     summary = {
@@ -675,7 +683,7 @@ def _write_nothing_but_increments(comm, case, directory, stages, progress, failu
         "finite": case.test.finite,
         "ranks": comm.size,
         "ended_early": str(failure),
-        "increments": increments_table(progress.experiment, progress.increments),
+        "increments": _told_increments(progress.increments),
         "case": case.model_dump(),
         "versions": _versions(),
         "wall_s": {**stages.seconds, "total": stages.total()},
@@ -812,7 +820,7 @@ def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Pat
         "energy        %.4g mJ: %s",
         1e3 * total,
         ", ".join(
-            f"{mode} {100 * last(value) / total:.1f} %"
+            f"{mode} {100 * last(value) / (total or 1.0):.1f} %"
             for mode, value in summary["energy_j"].items()
         ),
     )

@@ -109,7 +109,7 @@ def progress_bar(
         return
     try:
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn
     except ImportError:  # an ornament only
         yield None
         return
@@ -118,7 +118,6 @@ def progress_bar(
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=None),
         TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
         TextColumn("{task.fields[left]}", markup=False),
         console=console,
         expand=True,
@@ -126,7 +125,7 @@ def progress_bar(
         refresh_per_second=2,
     )
     started = time.monotonic()
-    task = bar.add_task("first increment", total=length, left="")
+    task = bar.add_task("next increment" if begin else "first increment", total=length, left="")
     bar.update(task, completed=begin)
 
     def tell(done: float, text: str) -> None:
