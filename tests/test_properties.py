@@ -17,6 +17,7 @@ from mpi4py import MPI
 from cruciform_petsc.case import Case
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.fabric import Fabric, YarnFamily
+from cruciform_petsc.lattice import SNAP
 from cruciform_petsc.network import Network
 from cruciform_petsc.potential import odd_polynomial, sin_powers, table
 from cruciform_petsc.preform import Preform
@@ -25,7 +26,6 @@ from cruciform_petsc.units import describe, format_si, parse_unit, to_si
 UNITS = ("N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2", "kg/m**3")
 
 fixed = settings(derandomize=True, deadline=None, max_examples=150, database=None)
-few = settings(fixed, max_examples=60)
 
 
 class Refused(Exception):
@@ -264,9 +264,18 @@ grid_points = st.lists(
 )
 
 
-@few
+# Always simple, with corners sharp and blunt.
+stars = st.lists(st.floats(0.003, 0.04), min_size=3, max_size=9).map(
+    lambda radii: [
+        [r * math.cos(2 * math.pi * k / len(radii)), r * math.sin(2 * math.pi * k / len(radii))]
+        for k, r in enumerate(radii)
+    ]
+)
+
+
+@fixed
 @given(
-    grid_points,
+    st.one_of(stars, stars, grid_points),
     st.floats(-7, 7),
     st.sampled_from([1, 2, 3]),
     st.one_of(st.none(), st.tuples(st.floats(-1, 1), st.floats(-1, 1))),
@@ -284,7 +293,8 @@ def test_networks_cover_their_outline(corners, angle, refine, origin):
     assert (network.arm_length >= 0.0).all()
     assert (network.quadrant_area >= 0.0).all()
     area, cell = preform.outline.area, network.pitch.prod()
-    assert network.covered_area() <= area * (1 + 1e-9)
+    snap = SNAP * network.pitch.max() * preform.outline.length  # corners moved onto yarns
+    assert network.covered_area() <= area * (1 + 1e-9) + snap
     assert network.covered_area() >= area - 0.5 * preform.outline.length * math.sqrt(2 * cell)
 
 
