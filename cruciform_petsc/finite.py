@@ -525,8 +525,9 @@ class FiniteNetwork:
     def most_sheared(self, x: np.ndarray) -> np.ndarray | None:
         """Place at rest (x, y) of a crossover whose warp and weft passed each other. Collective.
 
-        None where there is none: every quadrant's arms still turn the way they did at rest. Beyond
-        90 degrees of shear the kernels' angle would come back, which no cloth does.
+        None where there is none: yarns, from one arm end of a crossover to the other, cross the way
+        they did at rest. Beyond 90 degrees of shear the kernels' angle would come back, which no
+        cloth does.
         """
         network, c = self.network, self.cruciforms
         hinge = x[c.nodes[:, 4]]
@@ -542,6 +543,22 @@ class FiniteNetwork:
         place = network.crossover_position[c.rows[worst]].tolist() if len(turn) else []
         value, place = min(self.comm.allgather((value, place)))
         return np.array(place) if value <= 0.0 else None
+
+    def most_stretched(self, x: np.ndarray, limit: float) -> np.ndarray | None:
+        """Place at rest (x, y) of a crossover with an arm stretched beyond a limit. Collective.
+
+        None where there is none.
+        """
+        c = self.cruciforms
+        arms = x[c.nodes[:, :4]] - x[c.nodes[:, 4:]]
+        size = np.hypot(arms[..., 0], arms[..., 1])
+        stretch = np.where(c.arm_length > 0, size / np.maximum(c.arm_length, 1e-300), 0.0)
+        most = stretch.max(axis=1, initial=0.0)
+        worst = int(most.argmax()) if len(most) else 0
+        value = float(most[worst]) if len(most) else 0.0
+        place = self.network.crossover_position[c.rows[worst]].tolist() if len(most) else []
+        value, place = max(self.comm.allgather((value, place)))
+        return np.array(place) if value > limit else None
 
     def crossover_fields(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """Fields at this rank's crossovers; the same as LinearNetwork.crossover_fields. Collective.

@@ -369,3 +369,11 @@ def test_other_tests_are_refused(tmp_path):
         calibrate_case(
             MPI.COMM_SELF, Case.from_data(data), DEMOS / "glass_pp_bias.csv", tmp_path, LOG
         )
+
+
+def test_data_in_the_wrong_unit():
+    """Further than the yarns of the strip could ever go: told before anything is solved."""
+    fabric = Fabric.from_library("glass-pp-plain-1.93")
+    specimen = Network(MPI.COMM_SELF, Preform.rectangle("115 mm", "230 mm"), fabric)
+    with pytest.raises(InputError, match="lie along the pull at 47.6"):
+        calibrate(specimen, [0.02, 0.05, 0.1, 0.15], [2.0, 4.0, 6.0, 9.0])

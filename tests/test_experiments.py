@@ -46,7 +46,7 @@ KINDS = {
     ),
     "off-axis-tension": (
         OffAxisTension, Preform.rectangle(0.02, 0.04, "30 deg"), ["0.1 mm", "0.2 mm"],
-        [1e-4, 2e-4], {"ends": "free"}, EVERY | ZONES | {"strain_percent", "stress_N_per_cm"},
+        [1e-4, 2e-4], {"ends": "free"}, EVERY | {"strain_percent", "stress_N_per_cm"},
         ("extension_mm", 1e-3),
     ),
     "picture-frame": (

@@ -857,7 +857,33 @@ def test_load_beyond_what_a_law_bears(monkeypatch):
         BiasExtension(
             network(diagonals(2, 4), FALLING), load=["0.2 N", "50 N"], finite=True, bending=False
         ).solve()
-    np.testing.assert_allclose(caught.value.result.loads, [0.2])
+    loads = caught.value.result.loads
+    assert loads[0] == pytest.approx(0.2, rel=1e-8)
+    assert loads[1] > 0.2  # and as far as it came on the way
+    assert len(caught.value.result.increments) > 2
+
+
+def test_loads_up_and_down():
+    """Steps on the way are increments, too; the way back is found on a curve that softens first."""
+    fabric = Fabric.from_library("glass-pp-plain-1.93")
+    test = BiasExtension(
+        network(Preform.rectangle("60 mm", "120 mm"), fabric), load=["1 N", "0.2 N"], finite=True
+    )
+    result = test.solve()
+    np.testing.assert_allclose(result.loads, [1.0, 0.2], rtol=1e-8)
+    assert 0 < result.extensions[1] < result.extensions[0] < 0.0125
+    steps = np.diff([increment.control for increment in result.increments])
+    assert abs(steps).max() <= 1.001 * test.default_step()
+    assert sum(increment.asked for increment in result.increments) == 2
+
+
+def test_yarns_do_not_stretch_for_ever():
+    """Laws of tension do not end: at twice its length a yarn is torn, and the test says where."""
+    with pytest.raises(EquilibriumError, match=r"twice its length.* at x = .* mm, y = ") as caught:
+        pulled(diagonals(2, 4), "40 mm")
+    assert caught.value.reason == "TORN"
+    assert "Smaller increments" not in str(caught.value)
+    assert 0.005 < caught.value.result.extension < 0.04
 
 
 def test_states_keep_their_fields():

@@ -43,6 +43,7 @@ from ..network import Network
 from ..potential import LINEAR, TABLE, Potential, linear
 from ..potential import table as table_law
 from ..solvers.nonlinear import Equilibrium, EquilibriumError, follow
+from ..units import format_si
 from .curve import MeasuredCurve
 from .formula import torque_from_loads
 
@@ -522,6 +523,7 @@ def calibrate(
         curve = MeasuredCurve.from_points(displacement, force)
     if not (np.isfinite(smoothing) and smoothing > 0.0):
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
+    _check_reach(network, float(np.max(curve.displacement)), upper)
     specimen = LoadCurve(network, curve.displacement, upper=upper, bending=bending, options=options)
     try:
         start_from, first = _start(specimen, curve, upper)
@@ -703,6 +705,21 @@ def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, 
     modulus = specimen.network.fabric.shear_modulus
     ratio = specimen.solve(linear(modulus)) / curve.force
     return "straight line", linear(modulus * float(ratio.sum() / (ratio**2).sum()))
+
+
+def _check_reach(network: Network, displacement: float, upper: str) -> None:
+    """Refuse data far past what a strip can be extended by before its yarns lie along the pull."""
+    size = _strip(network)
+    if size is None:
+        return
+    factor = 2.0 if upper == "centre-line" else 1.0
+    reach = (np.sqrt(2.0) - 1.0) * (factor * size[1] - size[0]) / factor
+    if 0.0 < 1.5 * reach < displacement:
+        raise InputError(
+            f"the data go to {format_si(displacement, 'm')}, but the yarns of a specimen of "
+            f"{format_si(size[0], 'm')} x {format_si(size[1], 'm')} lie along the pull at "
+            f"{format_si(reach, 'm')}: check the specimen's size and the unit of the displacement"
+        )
 
 
 def _strip(network: Network) -> tuple[float, float] | None:

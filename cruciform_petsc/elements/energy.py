@@ -24,10 +24,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from zlib import crc32
 
 import numba
 import numpy as np
 
+from .. import potential
 from ..lattice import QUADRANTS
 from ..potential import effective_strain, evaluate_law
 from .kinematics import HELD
@@ -38,6 +41,10 @@ _SIGN = (1.0, -1.0, 1.0, -1.0)
 
 # Liberties of the compiler that keep NaN and infinity what they are: what is no state must show.
 FREE = {"contract", "reassoc", "nsz", "arcp"}
+
+# Numba's cache on disk does not notice that the laws compiled in have changed in their own file; a
+# variable of the kernel's closure is part of the cache's key.
+LAWS = crc32(Path(potential.__file__).read_bytes())
 
 ENERGY, FORCE, STIFFNESS = 0, 1, 2  # how much a kernel works out
 
@@ -72,13 +79,14 @@ class Cloth:
 def _cruciform_kernel(dim: int) -> Callable[..., None]:
     """Compile the cruciform for positions in ``dim`` dimensions."""
     warp_arm, weft_arm, signs, held_source = _WARP_ARM, _WEFT_ARM, _SIGN, int(HELD)
+    laws = LAWS
 
     @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
     def kernel(
         x, before, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain,
         ratio, width, level, energy, force, stiffness,
     ):  # fmt: skip
-        foretold = before.shape[0] > 0 and level == 2
+        foretold = before.shape[0] > 0 and level == 2 and laws >= 0  # it never is below
         # The commonest case by a shorter way, for speed.
         plain = not log_strain and ratio == 1.0
         straight = shear[0] == 0.0  # a linear law

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assembly import MODES, LinearNetwork
+from ..assembly import LinearNetwork
 from ..constraints import Constraints
 from ..errors import CruciformError, InputError
 from ..finite import FiniteNetwork
@@ -36,6 +36,7 @@ PULL = np.array([0.0, 1.0])
 # with yarns that bend, 9000; other ways take more. These are lower, so that nothing is refused that
 # another preconditioner might do.
 BYTES_HINGED, BYTES_BENDING = 4e3, 6e3
+MOST_TRIES = 40
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
 
@@ -91,6 +92,8 @@ class Experiment:
         options: dict | None = None,
         by_load: bool = False,
     ):
+        if isinstance(values, np.ndarray):
+            values = values.tolist()
         self.is_curve = isinstance(values, Sequence) and not isinstance(values, str)
         self.by_load = by_load
         unit, key = ("N", "load") if by_load else (self.unit, self.control)
@@ -376,7 +379,8 @@ class Experiment:
     def _follow_loads(self, path: Path, grips, accepted) -> None:
         """Find the extensions of the loads asked for, by Newton's method on each. Collective."""
         equilibrium, model = path.equilibrium, path.equilibrium.model
-        control, load, first = path.control, path.load, self.reference_control()
+        control, load = path.control, path.load
+        most = self.default_step() or self.reference_control()
         while path.target < len(self.values):
             target = float(self.values[path.target])
             step_limit = abs(target - load) if self.increments is None else (
@@ -388,35 +392,48 @@ class Experiment:
                 goal = target if abs(gap) <= step_limit * (1 + 1e-9) else (
                     load + np.sign(gap) * step_limit
                 )  # fmt: skip
-                iterations, seconds, cuts = 0, 0.0, 0
-                for _ in range(40):
+                spent = Increment(control, np.zeros(3), 0, 0.0, 0.0, [])
+                ends: dict[bool, float] = {}  # last controls whose load is above and below
+                tries = 0
+                while True:
+                    ends[bool(load > goal)] = control
                     slope, moved = self._load_slope(model, equilibrium, grips, control)
-                    change = (goal - load) / slope if slope > 0.0 else np.sign(goal - load) * first
-                    change = float(np.clip(change, -5 * first, 5 * first))
+                    wanted = (goal - load) / slope if slope > 0.0 else np.sign(goal - load) * most
+                    change = float(np.clip(wanted, -most, most))
+                    if len(ends) == 2:  # a load between two others lies between their controls
+                        low, high = sorted(ends.values())
+                        if not low < control + change < high:
+                            change = 0.5 * (low + high) - control
                     increment = None
                     while increment is None:
                         try:
                             guess = equilibrium.x + moved * change
                             increment = path.advance(control + change, guess)
                         except EquilibriumError:
-                            cuts += 1
+                            spent.cuts += 1
                             change *= 0.5
-                            if abs(change) < 1e-4 * first:
+                            if abs(change) < 1e-4 * most:
                                 raise
                     control += change
-                    iterations += increment.iterations
-                    seconds += increment.seconds
+                    for name in ("iterations", "linear_iterations", "shifted", "seconds", "cuts"):
+                        total = getattr(spent, name) + getattr(increment, name)
+                        setattr(spent, name, total)
+                        setattr(increment, name, total)
                     load = self._state(model, equilibrium, grips, control).load
                     if abs(load - goal) <= LOAD_TOLERANCE * np.abs(self.values).max():
                         break
-                else:
-                    raise EquilibriumError(
-                        f"the load {format_si(goal, 'N')} is not reached", "MAX_IT", []
-                    )
+                    if len(ends) == 1 and abs(change) < abs(wanted):  # a step on the way
+                        path.load = load
+                        accepted(increment, equilibrium.x)
+                        spent = Increment(control, np.zeros(3), 0, 0.0, 0.0, [])
+                        continue
+                    tries += 1
+                    if tries > MOST_TRIES:
+                        raise EquilibriumError(
+                            f"the load {format_si(goal, 'N')} is not reached", "MAX_IT", []
+                        )
                 load = path.load = float(goal)
                 reached = increment.asked = bool(goal == target)
-                increment.iterations, increment.seconds = iterations, seconds
-                increment.cuts = cuts
                 path.target += int(reached)
                 accepted(increment, equilibrium.x)
 
@@ -440,21 +457,17 @@ class Experiment:
                 f"at {name} {format_si(done[-1].control, size)}, load "
                 f"{format_si(done[-1].load, 'N')}"
             )
+        broken = error.reason in ("FOLDED", "TORN")  # at a place, and whatever the increments
         where = ""
         if error.place is not None:
-            x, y = error.place
-            where = (
-                f"; forces are farthest from balance at x = {format_si(float(x), 'm')}, "
-                f"y = {format_si(float(y), 'm')}"
-            )
+            x, y = (format_si(float(value), "m") for value in error.place)
+            where = f" at x = {x}, y = {y}"
+            if not broken:
+                where = f"; forces are farthest from balance{where}"
+        hint = "" if broken else (
+            ". Smaller increments, yarn bending or a shear law that stiffens may help"
+        )  # fmt: skip
         error.args = (
             f"{self.kind}: no equilibrium beyond the last one found, {reached} ({error}, "
-            f"{error.reason}){where}. Smaller increments, yarn bending or a shear law that "
-            "stiffens may help",
+            f"{error.reason}){where}{hint}",
         )
-
-
-def energies_of(state: State, comm) -> np.ndarray:
-    """Strain energies of the modes, J; (3,). Collective."""
-    fields = state.fields
-    return comm.allreduce(np.array([float(fields[f"{mode}_energy"].sum()) for mode in MODES]))

@@ -45,6 +45,7 @@ class OffAxisTension(BiasExtension):
             raise InputError(f"ends is '{ends}'; it can be 'grip' or 'free'")
         super().__init__(network, extension, load, **options)
         self.ends = ends
+        self.has_zones = ends == "grip"  # no clamp, no zones
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""
@@ -79,6 +80,10 @@ class OffAxisTension(BiasExtension):
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Modulus of the first state, and Kilby's for small displacements and free sides."""
         curve = self.extra_columns(result)
-        modulus = curve["stress_N_per_cm"][0] / curve["strain_percent"][0] * 1e2
+        moved = np.flatnonzero(result.controls)
+        if not len(moved):
+            return {}
+        stress, strain = (curve[name][moved[0]] for name in ("stress_N_per_cm", "strain_percent"))
+        modulus = 100.0 * stress / strain
         kilby = self.network.fabric.off_axis_modulus(self.network.preform.bias_angle)
         return {"modulus_n_per_cm": float(modulus), "kilby_n_per_cm": float(kilby) / 100.0}

@@ -247,6 +247,8 @@ class TestResult:
         return np.where(self.supports.carrying, held, -1).astype(np.int8)
 
     def _is_clamped(self, edge: str) -> bool:
+        if getattr(self.experiment, "ends", "grip") == "free":
+            return False
         half = getattr(self.experiment, "upper", "grip") == "centre-line"
         return not (half and edge == "upper")
 

@@ -28,6 +28,7 @@ RELATIVE_RESIDUAL = 1e-8
 # Rounding of the residual in units of (stiffness x size of the preform): positions have 16 digits.
 ROUNDING = 1e-16
 MAX_ITERATIONS = 30
+LARGEST_STRETCH = 2.0  # laws of tension do not end, yarns do
 # Cholesky of an indefinite matrix: LDL^T, whose negative pivots tell.
 DIRECT = {
     "ksp_type": "preonly",
@@ -138,6 +139,7 @@ class Equilibrium:
         self._history: list[float] = []
         self._support = 0.0  # norm of the forces at clamps and of loads, N
         self.shifted = 0
+        self._measure()
         options = dict(options or {})
         small = self._vector.getSize() <= DIRECT_LIMIT
         default = str(options.get("pc_type", "cholesky" if small else "mg"))
@@ -215,13 +217,16 @@ class Equilibrium:
         x = self._positions(vector)
         _, self._blocks = self.model.stiffness(x, reuse=matrix, before=self._before)
         self._before = x
+        self._measure()
+
+    def _measure(self) -> None:
+        """Note the size of the tangent, before anything is added to its diagonal."""
+        self._matrix.getDiagonal(self._diagonal)
+        self._size = self._diagonal.norm()
 
     def _tolerance(self) -> float:
         """What residual is called none, N."""
-        self._matrix.getDiagonal(self._diagonal)
-        return RELATIVE_RESIDUAL * self._support + (
-            ROUNDING * self._extent * self._diagonal.norm()
-        )
+        return RELATIVE_RESIDUAL * self._support + ROUNDING * self._extent * self._size
 
     def _converged(self, snes, iteration, norms):
         assert self._last is not None  # SNES has evaluated the residual
@@ -345,14 +350,15 @@ class Equilibrium:
         x = self._positions(self._vector)
         if reason <= 0:
             raise EquilibriumError(
-                "no equilibrium found", _reason_name(reason), self._history, self._worst(x)
+                "no equilibrium found", _reason_name(reason), self._history, self._worst()
             )
-        folded = self.model.most_sheared(x)
-        if folded is not None:
-            raise EquilibriumError(
-                "the cloth folds onto itself: warp and weft pass each other", "FOLDED",
-                self._history, folded,
-            )  # fmt: skip
+        folded, torn = self.model.most_sheared(x), self.model.most_stretched(x, LARGEST_STRETCH)
+        for place, reason, what in (
+            (folded, "FOLDED", "the cloth folds onto itself: warp and weft pass each other"),
+            (torn, "TORN", "a yarn is stretched to more than twice its length, which none stands"),
+        ):
+            if place is not None:
+                raise EquilibriumError(what, reason, self._history, place)
         _, energies, _ = self._evaluate(self._vector)
         self.x = x
         return Increment(
@@ -408,7 +414,7 @@ class Equilibrium:
         answer.destroy()
         return model.from_axes(moved), model.from_axes(force)
 
-    def _worst(self, x: np.ndarray) -> np.ndarray | None:
+    def _worst(self) -> np.ndarray | None:
         """Place at rest of the largest force out of balance, x and y. Collective."""
         if self._last is None:
             return None
@@ -582,15 +588,3 @@ def _reason_name(reason: int) -> str:
         if value == reason and name.isupper():
             return name
     return str(reason)
-
-
-def as_dict(increment: Increment) -> dict[str, Any]:
-    """Plain numbers of an increment, for a summary."""
-    return {
-        "control": increment.control,
-        "iterations": increment.iterations,
-        "residual_n": increment.residual,
-        "tolerance_n": increment.tolerance,
-        "shifted": increment.shifted,
-        "seconds": increment.seconds,
-    }
