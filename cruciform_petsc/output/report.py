@@ -240,9 +240,9 @@ def _key_figures(summary: Mapping[str, Any]) -> str:
     cells = []
     for name, value, unit in rows:
         if unit == "°":
-            shown = f"{value + 0.0:.2f}°"
+            shown = f"{round(value, 2) + 0.0:.2f}°"  # no -0.00
         else:
-            shown = f"{1e3 * value:.4g} mJ" if unit == "J" else _si(value, unit)
+            shown = _energy(value) if unit == "J" else _si(value, unit)
         cells.append(f"<div><dt>{escape(name)}</dt><dd>{_data(value, shown)}</dd></div>\n")
     several = isinstance(summary["load_n"], list) and len(summary["load_n"]) > 1
     note = '<p class="small">At the last value.</p>\n' if several else ""
@@ -376,7 +376,7 @@ def _fabric(fabric: Fabric) -> str:
         ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
     ]
     law = fabric.shear.name
-    at_rest = format_si(fabric.shear_modulus, "N/m")
+    at_rest = _si(fabric.shear_modulus, "N/m")
     shear = f"{at_rest}, linear" if law == "linear" else f"{at_rest} at rest, {law}"
     words = [f"Shear: {shear}."]
     if np.isfinite(fabric.shear.last_point):
@@ -567,6 +567,10 @@ def _data(value: float, shown: str) -> str:
 def _si(value: float, unit: str) -> str:
     """With four digits, in a unit of a fitting size."""
     return format_si(float(f"{value:.4g}"), unit)
+
+
+def _energy(value: float) -> str:
+    return f"{value:.4g} J" if abs(value) >= 1.0 else f"{1e3 * value:.4g} mJ"
 
 
 def _number(value: float | None, size: float = 1.0) -> str:
