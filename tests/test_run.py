@@ -59,7 +59,7 @@ KINDS = {
     "biaxial": {"strain": ["0.01 %", "0.02 %"], "ratio": 0.5, **SQUARE},
     "cantilever": {"load": ["1 mN", "2 mN"], **SQUARE},
 }
-PULLED = ("bias-extension", "off-axis-tension", "pantograph")
+CLAMPED = ("bias-extension", "pantograph")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -76,7 +76,8 @@ def test_every_kind(tmp_path, kind):
         for name in ("series.vtkhdf", "network.vtkhdf"):
             assert (folder / name).exists()
         assert (folder / "increments.csv").exists() == finite
-        assert (folder / "centre_line.csv").exists() == (kind in PULLED)
+        # Zones are where yarns end in clamps; this off-axis test has free ends.
+        assert (folder / "centre_line.csv").exists() == (kind in CLAMPED)
     small, large = both
     assert (small["kind"], small["finite"], large["finite"]) == (kind, False, True)
     assert {"increments", "newton_iterations_per_increment"} <= set(large)
@@ -191,10 +192,10 @@ def test_beyond_the_table():
 
 
 def test_yarns_under_strains_that_they_do_not_stand():
-    first, second = warned(case(finite=True, extension="40 mm"))
+    first, second = warned(case(finite=True, extension="20 mm"))
     assert first.startswith("yarns are compressed by up to")
     assert second.startswith("yarns are stretched by up to")
-    assert warned(case(extension="40 mm")) == []
+    assert warned(case(extension="20 mm")) == []
 
 
 # -- the continuum ---------------------------------------------------------------------------------
