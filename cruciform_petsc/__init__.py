@@ -15,10 +15,11 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from .case import Case
     from .errors import CruciformError, InputError, SolverError
-    from .experiments.bias_extension import BiasExtension, Pantograph
+    from .experiments.bias_extension import BiasExtension
     from .experiments.biaxial import Biaxial
     from .experiments.cantilever import Cantilever
     from .experiments.off_axis import OffAxisTension
+    from .experiments.pantograph import Pantograph
     from .experiments.picture_frame import PictureFrame
     from .experiments.result import TestResult
     from .fabric import Fabric, YarnFamily
@@ -35,7 +36,7 @@ _HOME = {
     "InputError": "errors",
     "Network": "network",
     "OffAxisTension": "experiments.off_axis",
-    "Pantograph": "experiments.bias_extension",
+    "Pantograph": "experiments.pantograph",
     "PictureFrame": "experiments.picture_frame",
     "Preform": "preform",
     "SolverError": "errors",

@@ -26,10 +26,11 @@ from .checkpoint import Checkpoint, resume_command
 from .compare import against_measured, check_measured, load_line
 from .errors import InputError, SolverError
 from .experiments.base import Experiment
-from .experiments.bias_extension import BiasExtension, Pantograph
+from .experiments.bias_extension import BiasExtension
 from .experiments.biaxial import Biaxial
 from .experiments.cantilever import Cantilever
 from .experiments.off_axis import OffAxisTension
+from .experiments.pantograph import Pantograph
 from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
 from .network import Network

@@ -9,10 +9,11 @@ from helpers import DIAGONAL, PITCH, TABLE_1, diagonals
 from mpi4py import MPI
 
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.experiments.bias_extension import BiasExtension, Pantograph
+from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
+from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.network import Network
 from cruciform_petsc.preform import Preform

@@ -132,23 +132,3 @@ class BiasExtension(Experiment):
         result = self._in_proportion(state, linear, modes["shear"].solver)
         result.uncarried = {mode: solution.uncarried for mode, solution in modes.items()}
         return result
-
-
-class Pantograph(BiasExtension):
-    """Extension of a pantographic sheet: a bias test of yarns that bend, between two clamps.
-
-    The sheet is a Fabric whose yarns are its fibres (dell'Isola et al. 2016; in the library:
-    "pantographic-sheet-2016").
-
-    Parameters
-    ----------
-    network : Network
-    extension : str, float or sequence of them
-    **options
-        See Experiment.
-    """
-
-    kind = "pantograph"
-
-    def __init__(self, network: Network, extension: Any, **options: Any):
-        super().__init__(network, extension, **options)
