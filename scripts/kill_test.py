@@ -5,7 +5,8 @@
     scripts/fenicsx python3 scripts/kill_test.py [--kills N] [--seed S]
 
 Each time a bias extension of some 60 crossovers is started on two ranks, a random one of them is
-sent SIGKILL at a random moment, and the test is resumed, on one rank and on two in turn. Every
+sent SIGKILL at a random moment (nine times out of ten between the first checkpoint and the last
+result, else while the ranks start), and the test is resumed, on one rank and on two in turn. Every
 tenth is killed once more while it is being resumed. All must end in the curve of a run that was
 left alone. Exit code 0 if all do.
 """
@@ -54,7 +55,7 @@ WITHIN = 1e-6  # of each column's largest value
 
 def command(ranks: int, *arguments: object) -> list[str]:
     """What starts the program."""
-    return ["mpirun", "-n", str(ranks), sys.executable, "-m", "cruciform_petsc",
+    return ["mpirun", "-n", str(ranks), sys.executable, "-u", "-m", "cruciform_petsc",
             *map(str, arguments)]  # fmt: skip
 
 
@@ -117,6 +118,7 @@ class Killer:
         self.case = folder / "case.toml"
         self.case.write_text(CASE)
         self.env = environment()
+        self.start = self.work = 0.0  # seconds to the first increment, and from there to the end
 
     def run(self, ranks: int, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run to the end."""
@@ -124,15 +126,24 @@ class Killer:
             command(ranks, *arguments), env=self.env, capture_output=True, text=True, timeout=300
         )
 
-    def kill(self, ranks: int, *arguments: object, span: tuple[float, float]) -> str:
-        """Start, and kill a random rank within a span of seconds; tells what had happened."""
+    def kill(self, ranks: int, *arguments: object) -> str:
+        """Start, and kill a random rank at a random moment; tells what had happened."""
+        starting = self.chance.random() < 0.1
+        share = self.chance.random()
+        begin = time.monotonic()
         with (self.folder / "output.txt").open("w") as output:
             process = subprocess.Popen(
                 command(ranks, *arguments), env=self.env, stdout=output, stderr=output
             )
-            moment = time.monotonic() + self.chance.uniform(*span)
-            while time.monotonic() < moment and process.poll() is None:
+            # Work has begun when a rank tells of an increment.
+            told = self.folder / "output.txt"
+            while not starting and process.poll() is None and "Newton" not in told.read_text():
                 time.sleep(0.002)
+            moment = (begin + share * self.start) if starting else (
+                time.monotonic() + share * self.work
+            )  # fmt: skip
+            while time.monotonic() < moment and process.poll() is None:
+                time.sleep(0.001)
             victims = ranks_of(process.pid) if process.poll() is None else []
             if victims:
                 try:
@@ -143,6 +154,20 @@ class Killer:
         if code == 0:
             return "had finished"
         return "killed" if victims else "failed by itself"
+
+    def measure(self, ranks: int, *arguments: object) -> int:
+        """Run to the end, taking the time; returns the exit code."""
+        begin = time.monotonic()
+        process = subprocess.Popen(
+            command(ranks, *arguments), env=self.env, stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            if "Newton" in line and not self.start:
+                self.start = time.monotonic() - begin
+        code = process.wait()
+        self.work = time.monotonic() - begin - self.start
+        return code
 
     def reached(self) -> int:
         """Accepted increments that the table of increments on the disk tells of."""
@@ -164,20 +189,16 @@ def main() -> int:
         killer = Killer(Path(name), chance)
         run = ("run", killer.case, "--output", killer.results)
         killer.run(2, *run)  # compiles, so that the next one tells the time
-        begin = time.monotonic()
-        alone = killer.run(2, *run)
-        whole = time.monotonic() - begin
-        if alone.returncode:
-            print(alone.stdout, alone.stderr, file=sys.stderr)
+        if killer.measure(2, *run):
             return 1
         wanted = read_curve(killer.results)
-        print(f"left alone: {whole:.1f} s, {killer.reached()} increments", flush=True)
+        print(f"left alone: {killer.start:.1f} s to the first of {killer.reached()} increments, "
+              f"{killer.work:.1f} s from there", flush=True)  # fmt: skip
         number = 0
         while counts["killed"] < arguments.kills:
             number += 1
             shutil.rmtree(killer.results, ignore_errors=True)
-            # Not before the interpreters run, nor much after the usual end.
-            what = killer.kill(2, *run, span=(0.35 * whole, whole))
+            what = killer.kill(2, *run)
             counts[what] += 1
             if what == "failed by itself":
                 print((killer.folder / "output.txt").read_text()[-2000:], file=sys.stderr)
@@ -197,7 +218,7 @@ def main() -> int:
             if not (killer.results / "checkpoint" / "newest").exists() or number % 4 == 0:
                 resume = ("resume", killer.case, "--output", killer.results)
             if counts["killed"] % 10 == 0:
-                twice = killer.kill(ranks, *resume, span=(0.3 * whole, whole))
+                twice = killer.kill(ranks, *resume)
                 counts["killed while it was resumed"] += twice == "killed"
             result = killer.run(ranks, *resume)
             # Killed after the last word had been written, or it was the second kill that failed.
