@@ -202,6 +202,8 @@ class LinearSolver:
     def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
         """Hand the levels to PCMG."""
         pc, top = self.ksp.getPC(), len(hierarchy.interpolations)
+        if hierarchy.matrices:
+            _lift(hierarchy.matrices[-1])
         pc.setType(PETSc.PC.Type.MG)
         pc.setMGLevels(top + 1)
         for level, (interpolation, matrix) in enumerate(
@@ -303,6 +305,18 @@ def _mechanism(sign: str) -> SolverError:
         "crossovers from turning; switch bending on, refine, or clamp more",
         "MECHANISM",
     )
+
+
+def _lift(matrix: PETSc.Mat) -> None:
+    """Add a little of its own to the diagonal of the coarsest matrix. Collective.
+
+    Two coarse unknowns at the outline may hang on the same finer ones. Their difference moves
+    nothing: the matrix is singular, and right sides have no part in it.
+    """
+    diagonal = matrix.getDiagonal()
+    diagonal.scale(1e-10)
+    matrix.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
+    diagonal.destroy()
 
 
 def near_null_space(columns: np.ndarray, comm) -> PETSc.NullSpace:

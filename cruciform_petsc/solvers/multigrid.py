@@ -107,25 +107,11 @@ def hierarchy(
             product.setOption(option, True)
         matrices.append(product)
         level, step = product, 2 * step
-    if matrices:
-        _lift(matrices[-1])
     smoother = None
     if unknowns.lines is not None:
         smoother = YarnSmoother(matrix, unknowns.lines)
     sweeps = STIFF_SWEEPS if _contrast(matrix) > STIFF else SWEEPS
     return Hierarchy(interpolations, matrices, smoother, sweeps)
-
-
-def _lift(matrix: PETSc.Mat) -> None:
-    """Add a little of its own to the diagonal of the coarsest matrix. Collective.
-
-    Two coarse unknowns at the outline may hang on the same finer ones. Their difference moves
-    nothing: the matrix is singular, and right sides have no part in it.
-    """
-    diagonal = matrix.getDiagonal()
-    diagonal.scale(1e-10)
-    matrix.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
-    diagonal.destroy()
 
 
 def _contrast(matrix: PETSc.Mat) -> float:
