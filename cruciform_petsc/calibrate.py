@@ -13,15 +13,16 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from .calibration import read_curve
-from .calibration.identify import calibrate
-from .calibration.report import write
+from .calibration import MeasuredCurve, read_curve
+from .calibration.identify import Calibration, calibrate
+from .calibration.predict import Prediction, predict
+from .calibration.report import hold_out_summary, write, write_hold_out
 from .case import Case, on_root
 from .errors import InputError
 from .network import Network
 from .units import format_si
 
-__all__ = ["calibrate", "calibrate_case"]
+__all__ = ["calibrate", "calibrate_case", "predict"]
 
 
 def calibrate_case(
@@ -30,6 +31,7 @@ def calibrate_case(
     data_path: str | Path,
     directory: Path,
     log: logging.Logger,
+    hold_out: tuple[Case, str | Path] | None = None,
 ) -> dict[str, Any]:
     """Identify the shear law of a case's fabric and write the results into a folder. Collective.
 
@@ -45,6 +47,10 @@ def calibrate_case(
     directory : Path
         Is there; gets law.toml, calibration.csv, calibration.png and summary.json.
     log : logging.Logger
+    hold_out : (Case, path), optional
+        Another specimen of the same cloth and its measured curve, to be predicted with the law
+        found: of this case the preform and ``upper`` and ``bending`` of [test] count, and
+        hold_out.csv is written.
 
     Returns
     -------
@@ -61,7 +67,14 @@ def calibrate_case(
             f'test.kind is "{case.test.kind}", a shear law is identified from kind = '
             '"bias-extension" only'
         )
+    if hold_out is not None and hold_out[0].test.kind != "bias-extension":
+        raise InputError(
+            f'test.kind of the hold-out case is "{hold_out[0].test.kind}", it must be '
+            '"bias-extension"'
+        )
     curve = on_root(comm, lambda: read_curve(data_path))
+    if hold_out is not None:  # what is wrong with the second curve is told before the work begins
+        other_curve = on_root(comm, lambda: read_curve(hold_out[1]))
     fabric, preform = case.fabric(), case.preform()
     log.info("%s", case.title)
     log.info("           %r", fabric)
@@ -86,6 +99,13 @@ def calibrate_case(
         "crossovers": statistics["crossovers"],
         "ranks": comm.size,
     }
+    prediction = None
+    if hold_out is not None:
+        prediction = _predict(comm, found, hold_out[0], other_curve)
+        write_hold_out(comm, directory, prediction)
+        more["hold_out"] = {
+            "title": hold_out[0].title, "data": str(hold_out[1]), **hold_out_summary(prediction)
+        }  # fmt: skip
     summary = write(comm, directory, found, more, case.output.pictures)
     log.info("")
     log.info(
@@ -108,5 +128,37 @@ def calibrate_case(
         )  # fmt: skip
     for remark in found.remarks():
         log.info("              %s", remark)
+    if prediction is not None:
+        _log_prediction(log, prediction)
     log.info("results in    %s, the law for a case file in law.toml", directory)
     return summary
+
+
+def _predict(
+    comm: MPI.Intracomm, found: Calibration, case: Case, curve: MeasuredCurve
+) -> Prediction:
+    """Predict the hold-out specimen, made of the cloth that was identified. Collective."""
+    network = Network(comm, case.preform(), found.fabric)
+    return predict(
+        found, network, curve,
+        upper=case.test.upper, bending=case.test.bending, options=case.solver.options,
+    )  # fmt: skip
+
+
+def _log_prediction(log: logging.Logger, prediction: Prediction) -> None:
+    """Tell how well the hold-out specimen was predicted."""
+    log.info(
+        "hold-out      RMS of the relative error %.2f %%, at most %.2f %%, mean %+.2f %%",
+        100.0 * prediction.rms, 100.0 * np.abs(prediction.residuals).max(),
+        100.0 * prediction.residuals.mean(),
+    )  # fmt: skip
+    beyond = int(prediction.extrapolated.sum())
+    if beyond:
+        within = "" if np.isnan(prediction.rms_known) else (
+            f"; RMS of the others {100.0 * prediction.rms_known:.2f} %"
+        )  # fmt: skip
+        log.info(
+            "              at %d of %d points some cloth shears past the %.1f deg that the law is "
+            "known to%s",
+            beyond, len(prediction.loads), np.rad2deg(prediction.known_to), within,
+        )  # fmt: skip

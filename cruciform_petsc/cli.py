@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 PROGRAM = "cruciform-petsc"
 
-_WITH_VALUE = ("--set", "--output", "--data")
+_WITH_VALUE = ("--set", "--output", "--data", "--hold-out", "--hold-out-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -229,6 +229,14 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
 
         check_case(comm, case, log)
         return
+    other = None
+    if args.command == "calibrate":
+        if (args.hold_out is None) != (args.hold_out_data is None):
+            raise InputError(
+                "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
+            )
+        if args.hold_out is not None:
+            other = Case.load_collective(comm, args.hold_out, [])
     if args.output is not None:
         output = case.output.model_copy(update={"directory": args.output})
         case = case.model_copy(update={"output": output})
@@ -237,7 +245,8 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
     if args.command == "calibrate":
         from .calibrate import calibrate_case
 
-        calibrate_case(comm, case, args.data, directory, log)
+        more = {} if other is None else {"hold_out": (other, args.hold_out_data)}
+        calibrate_case(comm, case, args.data, directory, log, **more)
     else:
         running.append(directory)
         from .run import run_case
@@ -388,6 +397,14 @@ def _parser() -> _Parser:
                 metavar="FILE",
                 required=True,
                 help="the measured curve: CSV of displacement and force, units in the header",
+            )
+            sub.add_argument(
+                "--hold-out",
+                metavar="CASE",
+                help="another specimen of the cloth, whose curve the law found shall predict",
+            )
+            sub.add_argument(
+                "--hold-out-data", metavar="FILE", help="the measured curve of that specimen"
             )
         sub.add_argument(
             "--set",

@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
-from cruciform_petsc.calibration import MeasuredCurve, calibrate, read_curve
+from cruciform_petsc.calibration import MeasuredCurve, calibrate, predict, read_curve
 from cruciform_petsc.calibration.formula import net_angle, net_load, torque_from_loads
 from cruciform_petsc.calibration.identify import LoadCurve, table_changes
 from cruciform_petsc.case import Case
@@ -306,6 +306,55 @@ def test_place_of_the_yarns_is_told():
     np.testing.assert_allclose(moved / found.loads - 1.0, told.loads, atol=1e-6)
     assert abs(told.loads).max() > 0.02
     assert (found.dependent == (abs(told.values) > 0.2)).all()
+
+
+# -- hold-out ----------------------------------------------------------------------------------
+
+
+def test_another_specimen_is_predicted():
+    """A law found on H = 2 W foretells H = 2.5 W; the law before does not."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, RISING))
+    other = specimen(size=("80 mm", "200 mm"))
+    further = 1e-3 * np.array([5.0, 15.0, 25.0, 35.0, 44.0])
+    told = predict(found, other, further, loads_of(other, RISING, further))
+    # As far as the law is known: the errors of its table, 2 % each (see above).
+    assert told.rms_known < 0.015
+    assert told.extrapolated.tolist() == (told.angles > found.reached.max()).tolist()
+    before = predict(UNKNOWN.shear, other, further, loads_of(other, RISING, further))
+    assert before.rms > 10.0 * told.rms_known
+    assert not before.extrapolated.any()
+
+
+def test_hold_out_of_a_case(tmp_path):
+    """A second case and its data: figures in the summary, the curve in a file."""
+    settings = ["preform.yarns_per_cruciform=4", "output.pictures=false"]
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml", settings)
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"]["outline"] = {"rectangle": ["100 mm", "240 mm"]}
+    other = Case.from_data(data)
+    d = 1e-3 * np.array([6.0, 15.0, 30.0, 45.0])
+    f = loads_of(Network(MPI.COMM_SELF, other.preform(), GLASS_PP), GLASS_PP.shear, d)
+    path = tmp_path / "other.csv"
+    path.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, f, strict=True)))
+    curve = tmp_path / "curve.csv"
+    measured = (DEMOS / "glass_pp_bias.csv").read_text().splitlines()
+    curve.write_text("\n".join(measured[:-9]))
+    told = calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (other, path))
+    kept = json.loads((tmp_path / "summary.json").read_text())["hold_out"]
+    assert kept["rms_relative_error"] == told["hold_out"]["rms_relative_error"]
+    assert kept["points"] == 4
+    # The same law at another mesh: where the coarse yarns lie is 5 to 10 % of the loads.
+    assert 0.0 < kept["rms_relative_error"] < 0.25
+    rows = np.genfromtxt(tmp_path / "hold_out.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(rows["measured_N"], f, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(rows["relative_residual"] ** 2)), kept["rms_relative_error"], rtol=1e-6
+    )
+
+    data["test"] = {"kind": "off-axis-tension", "extension": "1 mm"}
+    with pytest.raises(InputError, match='hold-out case is "off-axis-tension"'):
+        calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (Case.from_data(data), path))
 
 
 @pytest.mark.parametrize(

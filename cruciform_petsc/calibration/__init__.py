@@ -3,5 +3,6 @@
 
 from .curve import MeasuredCurve, read_curve
 from .identify import Calibration, calibrate
+from .predict import Prediction, predict
 
-__all__ = ["Calibration", "MeasuredCurve", "calibrate", "read_curve"]
+__all__ = ["Calibration", "MeasuredCurve", "Prediction", "calibrate", "predict", "read_curve"]

@@ -12,6 +12,7 @@ from ..case import on_root
 from ..output.pictures import COLOURS, DASHES, STYLE
 from ..output.tables import write_csv, write_json, written_whole
 from .identify import LARGEST_ERROR, PLACE, Calibration
+from .predict import Prediction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -146,6 +147,39 @@ def write(
     if picture:
         draw(comm, directory / "calibration.png", c, str(more.get("title", "")))
     return told
+
+
+def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
+    """Plain numbers of a prediction for summary.json."""
+    p = prediction
+    return {
+        "rms_relative_error": p.rms,
+        "largest_relative_error": float(np.abs(p.residuals).max()),
+        "mean_relative_error": float(p.residuals.mean()),
+        "points": len(p.loads),
+        "points_extrapolated": int(p.extrapolated.sum()),
+        "rms_relative_error_not_extrapolated": None if np.isnan(p.rms_known) else p.rms_known,
+        "law_known_to_deg": float(np.rad2deg(p.known_to)),
+        "displacement_m": p.curve.displacement,
+        "measured_n": p.curve.force,
+        "load_n": p.loads,
+        "shear_reached_deg": np.rad2deg(p.angles),
+    }
+
+
+def write_hold_out(comm: MPI.Intracomm, directory: Path, prediction: Prediction) -> None:
+    """Write hold_out.csv: measured and predicted curve of the other specimen. Collective."""
+    p = prediction
+    write_csv(
+        comm, directory / "hold_out.csv",
+        {
+            "displacement_mm": 1e3 * p.curve.displacement,
+            "measured_N": p.curve.force,
+            "predicted_N": p.loads,
+            "relative_residual": p.residuals,
+            "shear_max_deg": np.rad2deg(p.angles),
+        },
+    )  # fmt: skip
 
 
 def draw(comm: MPI.Intracomm, path: str | Path, calibration: Calibration, title: str = "") -> None:
