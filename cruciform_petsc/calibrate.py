@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 from .calibration import MeasuredCurve, read_curve
-from .calibration.identify import Calibration, calibrate
+from .calibration.identify import KINDS, Calibration, calibrate
 from .calibration.predict import Prediction, predict
 from .calibration.report import hold_out_summary, write, write_hold_out
 from .case import Case, on_root
@@ -35,8 +35,8 @@ def calibrate_case(
 ) -> dict[str, Any]:
     """Identify the shear law of a case's fabric and write the results into a folder. Collective.
 
-    Of the case's [test] only ``kind`` (bias-extension), ``upper`` and ``bending`` count: the
-    displacements are those measured, the deformation is finite.
+    Of the case's [test] only ``kind`` (bias-extension or picture-frame), ``upper`` and ``bending``
+    count: the displacements are those measured, the deformation is finite.
 
     Parameters
     ----------
@@ -62,16 +62,9 @@ def calibrate_case(
     InputError, SolverError
         On every rank.
     """
-    if case.test.kind != "bias-extension":
-        raise InputError(
-            f'test.kind is "{case.test.kind}", a shear law is identified from kind = '
-            '"bias-extension" only'
-        )
-    if hold_out is not None and hold_out[0].test.kind != "bias-extension":
-        raise InputError(
-            f'test.kind of the hold-out case is "{hold_out[0].test.kind}", it must be '
-            '"bias-extension"'
-        )
+    _options_of(case, "the case")
+    if hold_out is not None:
+        _options_of(hold_out[0], "the hold-out case")
     curve = on_root(comm, lambda: read_curve(data_path))
     if hold_out is not None:  # what is wrong with the second curve is told before the work begins
         other_curve = on_root(comm, lambda: read_curve(hold_out[1]))
@@ -89,8 +82,7 @@ def calibrate_case(
         format_si(f.min(), "N"), format_si(f.max(), "N"),
     )  # fmt: skip
     found = calibrate(
-        network, curve,
-        upper=case.test.upper, bending=case.test.bending, options=case.solver.options,
+        network, curve, **_options_of(case, "the case"),
         told=lambda text: log.info("           %s", text),
     )  # fmt: skip
     more = {
@@ -134,15 +126,26 @@ def calibrate_case(
     return summary
 
 
+def _options_of(case: Case, name: str) -> dict[str, Any]:
+    """Keyword arguments of calibrate and predict that a case's [test] tells."""
+    test = case.test
+    if test.kind not in KINDS:
+        raise InputError(
+            f'test.kind of {name} is "{test.kind}", a shear law is identified from and compared '
+            f'with kind = "{KINDS[0]}" or "{KINDS[1]}" only'
+        )
+    upper = getattr(test, "upper", "grip")
+    return {
+        "kind": test.kind, "upper": upper, "bending": test.bending, "options": case.solver.options
+    }  # fmt: skip
+
+
 def _predict(
     comm: MPI.Intracomm, found: Calibration, case: Case, curve: MeasuredCurve
 ) -> Prediction:
     """Predict the hold-out specimen, made of the cloth that was identified. Collective."""
     network = Network(comm, case.preform(), found.fabric)
-    return predict(
-        found, network, curve,
-        upper=case.test.upper, bending=case.test.bending, options=case.solver.options,
-    )  # fmt: skip
+    return predict(found, network, curve, **_options_of(case, "the hold-out case"))
 
 
 def _log_prediction(log: logging.Logger, prediction: Prediction) -> None:

@@ -417,7 +417,8 @@ def test_split_arguments(line, own, petsc):
         (
             "run c --ksp_type cg",
             'there is no option "--ksp_type" (known: --set, --output, --data, --hold-out, '
-            "--hold-out-data, --quiet, --verbose, --help, --version; PETSc options begin with one dash)",
+            "--hold-out-data, --quiet, --verbose, --help, --version; "
+            "PETSc options begin with one dash)",
         ),
         (
             "run c -ksp_rtol=1e-3",

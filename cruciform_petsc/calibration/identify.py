@@ -34,9 +34,11 @@ import numpy as np
 
 from ..constraints import Constraints
 from ..elements import energy as kernels
-from ..elements.energy import FORCE, Cloth
+from ..elements.energy import ENERGY, FORCE, Cloth
 from ..errors import CruciformError, InputError
+from ..experiments.base import Experiment
 from ..experiments.bias_extension import BiasExtension
+from ..experiments.picture_frame import PictureFrame
 from ..fabric import Fabric
 from ..finite import FiniteNetwork
 from ..network import Network
@@ -45,11 +47,13 @@ from ..potential import table as table_law
 from ..solvers.nonlinear import Equilibrium, EquilibriumError, follow
 from ..units import format_si
 from .curve import MeasuredCurve
-from .formula import torque_from_loads
+from .formula import frame_angle, torque_from_frame, torque_from_loads
 
+KINDS = ("bias-extension", "picture-frame")
 # Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
 LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
 SMOOTHING = 0.3
+LARGEST_FRAME_ANGLE = np.deg2rad(85.0)
 # A law may not fall, and must rise at least by this part of its mean slope, for a stable cloth.
 LEAST_SLOPE = 0.02
 # A value whose standard error is larger than this part of it counts as not determined.
@@ -60,6 +64,7 @@ POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
 # What the law depends on without being identified, worth a look each time.
 ASSUMED = ("tension modulus", "yarn bending", "compression")
 PLACE = "place of the yarns"
+TURN = 1e-5  # rad, of a frame, for differences
 TOLERANCE = 1e-4  # relative change of the sum that ends the iterations
 EXACT = 1e-10  # a sum so small is none: loads are equilibria to about the root of it
 MOST_ITERATIONS = 30
@@ -68,40 +73,51 @@ _LOG = logging.getLogger(__name__)
 
 
 class LoadCurve:
-    """Loads of a bias test at given extensions, for one shear law after the other. Collective.
+    """Loads of a specimen at given displacements, for one shear law after the other. Collective.
 
-    Each equilibrium starts from that of the last accepted law at the same extension, which takes
+    Each equilibrium starts from that of the last accepted law at the same displacement, which takes
     two or three Newton steps. Call destroy when done.
 
     Parameters
     ----------
     network : Network
-    extensions : float (n,)
-        Ascending [m].
+    displacement : float (n,)
+        Ascending [m]: extensions, or growths of the diagonal of a picture frame.
+    kind : "bias-extension" or "picture-frame"
     upper, bending, options
-        See BiasExtension.
+        See BiasExtension; ``upper`` is not looked at for a picture frame.
     """
 
     def __init__(
         self,
         network: Network,
-        extensions: np.ndarray,
+        displacement: np.ndarray,
         *,
+        kind: str = "bias-extension",
         upper: str = "grip",
         bending: bool = True,
         options: dict | None = None,
     ):
-        self.network, self.extensions = network, np.asarray(extensions, float)
-        self.experiment = BiasExtension(
-            network, self.extensions.tolist(), upper=upper, finite=True, bending=bending
-        )
+        self.network, self.displacement = network, np.asarray(displacement, float)
+        self.kind, self.upper = kind, upper
+        self.experiment: Experiment
+        # Of the experiment: extensions, m, or angles of the frame, rad.
+        self.controls = self.displacement
+        if kind == "picture-frame":
+            self.controls = frame_angle(self.displacement, _frame(network))
+            self.experiment = PictureFrame(
+                network, self.controls.tolist(), finite=True, bending=bending
+            )
+        else:
+            self.experiment = BiasExtension(
+                network, self.controls.tolist(), upper=upper, finite=True, bending=bending
+            )
         constraints = Constraints(network, bending)
         self._grips = self.experiment.grip(constraints)
         self.model = FiniteNetwork(constraints)
         self._cloth = self.model.cloth
         self._options = options
         self._equilibrium = Equilibrium(self.model, options)
-        self._velocity = self.experiment._velocity(self._grips, 0.0)
         self._places: list[np.ndarray] | None = None
         self._trial: list[np.ndarray] = []
         self.newton_steps = 0
@@ -110,11 +126,11 @@ class LoadCurve:
         """Free what PETSc holds. Collective."""
         self._equilibrium.destroy()
 
-    def _drive(self, extension: float):
-        return self.experiment._motions(self._grips, extension), 0.0
+    def _drive(self, control: float):
+        return self.experiment._motions(self._grips, control), 0.0
 
     def solve(self, law: Potential) -> np.ndarray:
-        """Load at each extension, N; (n,). Collective.
+        """Load at each displacement, N; (n,). Collective.
 
         Raises EquilibriumError on every rank if there is no equilibrium.
         """
@@ -127,7 +143,7 @@ class LoadCurve:
             return self._from_rest()
 
     def solve_doubled(self, law: Potential, what: str) -> np.ndarray | None:
-        """Load at each extension with twice something that was assumed, N; (n,). Collective.
+        """Load at each displacement with twice something that was assumed, N; (n,). Collective.
 
         States, and the cloth, are as they were afterwards.
 
@@ -165,7 +181,7 @@ class LoadCurve:
             self.model.cloth = replace(cloth, shear=law.packed)
 
     def solve_shifted(self, law: Potential) -> np.ndarray | None:
-        """Load at each extension with crossovers where gaps between yarns are, N; (n,).
+        """Load at each displacement with crossovers where gaps between yarns are, N; (n,).
 
         Collective. Which yarns the clamps hold changes with that. None if there is no equilibrium.
         """
@@ -177,8 +193,9 @@ class LoadCurve:
         try:
             other = LoadCurve(
                 Network(network.comm, replace(preform, origin=(x, y)), network.fabric),
-                self.extensions,
-                upper=self.experiment.upper,
+                self.displacement,
+                kind=self.kind,
+                upper=self.upper,
                 bending=self.model.bending,
                 options=self._options,
             )
@@ -197,12 +214,12 @@ class LoadCurve:
     def _restart(self, places: list[np.ndarray]) -> np.ndarray:
         equilibrium, loads = self._equilibrium, []
         self._trial = []
-        for extension, x in zip(self.extensions, places, strict=True):
+        for control, x in zip(self.controls, places, strict=True):
             equilibrium.x = x.copy()
-            self.model.prescribe(equilibrium.x, self._drive(extension)[0])
-            self.newton_steps += equilibrium.solve(extension).iterations
+            self.model.prescribe(equilibrium.x, self._drive(control)[0])
+            self.newton_steps += equilibrium.solve(control).iterations
             self._trial.append(equilibrium.x)
-            loads.append(self._load())
+            loads.append(self._load(control))
         return np.array(loads)
 
     def _from_rest(self) -> np.ndarray:
@@ -215,18 +232,23 @@ class LoadCurve:
             self.newton_steps += increment.iterations
             if increment.asked:
                 self._trial.append(x.copy())
-                loads.append(self._load())
+                loads.append(self._load(increment.control))
 
         step = self.experiment.default_step()
-        follow(equilibrium, self._drive, list(map(float, self.extensions)), step, accepted)
+        follow(equilibrium, self._drive, list(map(float, self.controls)), step, accepted)
         return np.array(loads)
 
-    def _load(self) -> float:
-        network = self.network
+    def _load(self, control: float) -> float:
+        network, experiment = self.network, self.experiment
         force = self._equilibrium.forces()[self.model.nodes.of_network_node]
         owned = slice(0, network.num_nodes_owned)
-        work = (force @ network.preform.rotation)[owned] * self._velocity[owned]
-        return network.comm.bcast(network.comm.allreduce(float(work.sum())))
+        velocity = experiment._velocity(self._grips, control)
+        work = network.comm.allreduce(
+            float(((force @ network.preform.rotation)[owned] * velocity[owned]).sum())
+        )
+        x = self._equilibrium.x
+        work += experiment._work_of_turning(self.model, x, self._grips, control)
+        return network.comm.bcast(experiment.load_of(work, control))
 
     def derivatives(self, law: Potential, changes: Sequence[np.ndarray]) -> np.ndarray:
         """Changes of the loads with changes of the law, at the states of the last `solve`.
@@ -248,31 +270,49 @@ class LoadCurve:
         none = linear(0.0).packed
         cloths = [Cloth(none, none, change, 0.0) for change in changes]
         c = model.cruciforms
-        pull = np.zeros_like(model.rest)
-        pull[model.nodes.of_network_node] = self._velocity @ network.preform.rotation.T
-        pull = model.nodes.exchange.forward(pull)
-        result = np.zeros((len(self.extensions), len(cloths)))
-        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
+
+        def part(level: int, cloth: Cloth, x: np.ndarray):
+            return kernels.cruciforms(
+                x[c.nodes], c.arm_length, c.area, cloth, level,
+                c.strain_source, c.turn_source, c.held,
+            )  # fmt: skip
+
+        result = np.zeros((len(self.controls), len(cloths)))
+        for i, (control, x) in enumerate(zip(self.controls, self._trial, strict=True)):
             equilibrium.x = x
-            model.prescribe(x.copy(), self._drive(extension)[0])
-            moved, _ = equilibrium.tangent_step(pull)
-            moved = moved[c.nodes]
+            model.prescribe(x.copy(), self._drive(control)[0])
+            moved = self._moved(control)[c.nodes]
             for k, cloth in enumerate(cloths):
-                _, force, _ = kernels.cruciforms(
-                    x[c.nodes], c.arm_length, c.area, cloth, FORCE,
-                    c.strain_source, c.turn_source, c.held,
-                )  # fmt: skip
-                result[i, k] = (force * moved).sum()
+                result[i, k] = (part(FORCE, cloth, x)[1] * moved).sum()
+            if self.kind == "picture-frame":  # its clamps turn the directions that they hold
+                for sign in (1, -1):
+                    model.prescribe(x.copy(), self._drive(control + sign * TURN)[0])
+                    for k, cloth in enumerate(cloths):
+                        result[i, k] += sign * part(ENERGY, cloth, x)[0].sum() / (2.0 * TURN)
+            result[i] = [self.experiment.load_of(work, control) for work in result[i]]
         return network.comm.bcast(network.comm.allreduce(result))
+
+    def _moved(self, control: float) -> np.ndarray:
+        """Change of all places per change of the control, yarn frame, (n, 2). Collective."""
+        model, rotation = self.model, self.network.preform.rotation
+        if self.kind == "picture-frame":  # uniform
+            ahead, behind = (
+                self.experiment.motion("lower", control + s * TURN)[0] for s in (1, -1)
+            )
+            return model.rest @ (rotation @ (ahead - behind) @ rotation.T).T / (2.0 * TURN)
+        pull = np.zeros_like(model.rest)
+        velocity = self.experiment._velocity(self._grips, control)
+        pull[model.nodes.of_network_node] = velocity @ rotation.T
+        return self._equilibrium.tangent_step(model.nodes.exchange.forward(pull))[0]
 
     def angles(self) -> np.ndarray:
         """Largest shear angle of a crossover in the states of the last `solve`, rad; (n,).
 
         Collective.
         """
-        own = np.zeros(len(self.extensions))
-        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
-            self.model.prescribe(x.copy(), self._drive(extension)[0])
+        own = np.zeros(len(self.controls))
+        for i, (control, x) in enumerate(zip(self.controls, self._trial, strict=True)):
+            self.model.prescribe(x.copy(), self._drive(control)[0])
             fields = self.model.crossover_fields(x)
             own[i] = np.abs(fields["shear_angle"][fields["carrying"]]).max(initial=0.0)
         return np.max(self.network.comm.allgather(own), axis=0)
@@ -476,6 +516,7 @@ def calibrate(
     displacement: Any,
     force: Any = None,
     *,
+    kind: str = "bias-extension",
     upper: str = "grip",
     bending: bool = True,
     angles: Any = None,
@@ -483,7 +524,7 @@ def calibrate(
     options: dict | None = None,
     told: Callable[[str], None] | None = None,
 ) -> Calibration:
-    """Identify the shear law of a network's fabric from a measured bias extension. Collective.
+    """Identify the shear law of a network's fabric from a measured load curve. Collective.
 
     All else is taken from the fabric as it is: tension, compression, yarn bending.
 
@@ -493,6 +534,9 @@ def calibrate(
         Of the specimen, any outline and size.
     displacement, force : sequence of float
         Measured [m, N]; or a MeasuredCurve instead of the two.
+    kind : "bias-extension" or "picture-frame"
+        The test; in a picture frame the displacement is the growth of the longer diagonal, and the
+        cloth fills the frame between its hinges.
     upper : "grip" or "centre-line"
         See BiasExtension; for "centre-line" the displacement is that of half a specimen.
     bending : bool
@@ -523,10 +567,12 @@ def calibrate(
         curve = MeasuredCurve.from_points(displacement, force)
     if not (np.isfinite(smoothing) and smoothing > 0.0):
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
-    _check_reach(network, float(np.max(curve.displacement)), upper)
-    specimen = LoadCurve(network, curve.displacement, upper=upper, bending=bending, options=options)
+    _check_reach(network, float(np.max(curve.displacement)), kind, upper)
+    specimen = LoadCurve(
+        network, curve.displacement, kind=kind, upper=upper, bending=bending, options=options
+    )
     try:
-        start_from, first = _start(specimen, curve, upper)
+        start_from, first = _start(specimen, curve)
         start_loads = specimen.solve(first)
         specimen.accept()
         told(f"start from the {start_from}, RMS {_percent(start_loads / curve.force - 1.0)}")
@@ -686,12 +732,15 @@ def _finished(
     )  # fmt: skip
 
 
-def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, Potential]:
+def _start(specimen: LoadCurve, curve: MeasuredCurve) -> tuple[str, Potential]:
     """Law to start from: of the closed formula, or else a straight line. Collective."""
+    if specimen.kind == "picture-frame":
+        sides = _frame(specimen.network)
+        return "closed formula", _rising(*torque_from_frame(curve.displacement, curve.force, sides))
     size = _strip(specimen.network)
     if size is not None:
         width, length = size
-        factor = 2.0 if upper == "centre-line" else 1.0
+        factor = 2.0 if specimen.upper == "centre-line" else 1.0
         length = factor * length
         if length >= 2.0 * width * (1.0 - 1e-6):
             angle, torque = torque_from_loads(
@@ -699,16 +748,35 @@ def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, 
             )
             if len(angle) >= 2 and (torque > 0.0).any():
                 # Past some 35 degrees the formula errs, mostly downwards; the law may not fall.
-                torque = np.maximum.accumulate(np.maximum(torque, 0.0))
-                rise = LEAST_SLOPE * torque[-1] * angle / angle[-1]
-                return "closed formula", _table(angle, torque + rise)
+                return "closed formula", _rising(angle, torque)
     modulus = specimen.network.fabric.shear_modulus
     ratio = specimen.solve(linear(modulus)) / curve.force
     return "straight line", linear(modulus * float(ratio.sum() / (ratio**2).sum()))
 
 
-def _check_reach(network: Network, displacement: float, upper: str) -> None:
-    """Refuse data far past what a strip can be extended by before its yarns lie along the pull."""
+def _rising(angle: np.ndarray, torque: np.ndarray) -> Potential:
+    """Table through points of a formula, made to rise."""
+    torque = np.maximum.accumulate(np.maximum(torque, 0.0))
+    return _table(angle, torque + LEAST_SLOPE * torque[-1] * angle / angle[-1])
+
+
+def _check_reach(network: Network, displacement: float, kind: str, upper: str) -> None:
+    """Refuse a kind that is none, and data past what the specimen can do.
+
+    Far past where the yarns of a strip lie along the pull, or where a frame is all but closed.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind is '{kind}'; it can be '{KINDS[0]}' or '{KINDS[1]}'")
+    if kind == "picture-frame":
+        sides = _frame(network)
+        if not frame_angle(displacement, sides) < LARGEST_FRAME_ANGLE:
+            raise InputError(
+                f"the data go to {format_si(displacement, 'm')}, but a frame of "
+                f"{format_si(sides[0], 'm')} x {format_si(sides[1], 'm')} is closed at "
+                f"{format_si(sum(sides) - float(np.hypot(*sides)), 'm')}: check the frame's size, "
+                "the unit of the displacement and that it is that of the corner along the diagonal"
+            )
+        return
     size = _strip(network)
     if size is None:
         return
@@ -724,14 +792,26 @@ def _check_reach(network: Network, displacement: float, upper: str) -> None:
 
 def _strip(network: Network) -> tuple[float, float] | None:
     """Width and length of a rectangle cut at 45 degrees, or None for anything else."""
-    preform = network.preform
-    low_x, low_y, high_x, high_y = preform.outline.bounds
-    full = (high_x - low_x) * (high_y - low_y)
-    if abs(preform.outline.area / full - 1.0) > 1e-6:
+    size = _rectangle(network)
+    if size is None or abs(np.cos(2.0 * network.preform.bias_angle)) > 0.05:
         return None
-    if abs(np.cos(2.0 * preform.bias_angle)) > 0.05:
-        return None
-    return high_x - low_x, high_y - low_y
+    return size
+
+
+def _frame(network: Network) -> tuple[float, float]:
+    """Sides of a picture frame, m."""
+    size = _rectangle(network)
+    if size is None:
+        raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
+    return size
+
+
+def _rectangle(network: Network) -> tuple[float, float] | None:
+    """Width and length of a rectangle, or None for anything else."""
+    outline = network.preform.outline
+    low_x, low_y, high_x, high_y = outline.bounds
+    width, length = high_x - low_x, high_y - low_y
+    return (width, length) if abs(outline.area / (width * length) - 1.0) <= 1e-6 else None
 
 
 def _knots(angles: Any, reached: float) -> np.ndarray:

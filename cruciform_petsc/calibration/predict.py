@@ -65,11 +65,12 @@ def predict(
     displacement: Any,
     force: Any = None,
     *,
+    kind: str = "bias-extension",
     upper: str = "grip",
     bending: bool = True,
     options: dict | None = None,
 ) -> Prediction:
-    """Predict a measured bias extension of another specimen. Collective.
+    """Predict a measured load curve of another specimen. Collective.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ def predict(
         Of the specimen to predict.
     displacement, force : sequence of float
         Measured [m, N]; or a MeasuredCurve instead of the two.
-    upper, bending, options
+    kind, upper, bending, options
         See calibrate.
 
     Raises
@@ -99,8 +100,10 @@ def predict(
         known_to = min(float(law.reached.max()), float(law.angles[-1]))
         network = Network(network.comm, network.preform, law.fabric)
         law = law.law
-    _check_reach(network, float(np.max(curve.displacement)), upper)
-    specimen = LoadCurve(network, curve.displacement, upper=upper, bending=bending, options=options)
+    _check_reach(network, float(np.max(curve.displacement)), kind, upper)
+    specimen = LoadCurve(
+        network, curve.displacement, kind=kind, upper=upper, bending=bending, options=options
+    )
     try:
         loads = specimen.solve(law)
         return Prediction(curve, loads, specimen.angles(), known_to)
