@@ -12,7 +12,14 @@ import pytest
 from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
-from cruciform_petsc.calibration import MeasuredCurve, calibrate, predict, read_curve
+from cruciform_petsc.calibration import (
+    MeasuredCurve,
+    Specimen,
+    calibrate,
+    calibrate_together,
+    predict,
+    read_curve,
+)
 from cruciform_petsc.calibration.formula import (
     frame_angle,
     net_angle,
@@ -401,6 +408,54 @@ def test_frames_that_cannot_be():
         calibrate(frame(), [0.01, 0.02, 0.03, 0.07], [1.0, 2, 3, 4], kind="picture-frame")
     with pytest.raises(InputError, match="kind is 'biaxial'; it can be"):
         calibrate(frame(), FRAME, FRAME, kind="biaxial")
+
+
+# -- several curves, bounds ---------------------------------------------------------------------
+
+
+def test_two_curves_and_their_weights():
+    """A strip and a frame of cloths that differ by 20 %: the law goes with the weights."""
+    strip, square = specimen(5), frame()
+    d = DISPLACEMENT[1::3]
+    low = MeasuredCurve.from_points(d, loads_of(strip, RISING, d))
+    high = MeasuredCurve.from_points(
+        FRAME, 1.2 * loads_of(square, RISING, FRAME, kind="picture-frame")
+    )
+    true = RISING.evaluate(np.deg2rad(20.0))[1]
+    ratio = []
+    for weight in (0.01, 100.0):
+        found = calibrate_together(
+            [Specimen(strip, low, weight=weight), Specimen(square, high, "picture-frame")]
+        )
+        ratio.append(found.law.evaluate(np.deg2rad(20.0))[1] / true)
+        assert [part.stop for part in found.parts] == [len(d), len(d) + len(FRAME)]
+        assert len(found.residuals) == len(d) + len(FRAME)
+    # Between the two, nearer to the heavier one; to smoothing.
+    np.testing.assert_allclose(ratio, [1.2, 1.0], atol=0.03)
+    alone = calibrate(square, high, kind="picture-frame", angles=found.angles)
+    twice = calibrate_together([Specimen(square, high, "picture-frame")] * 2, angles=found.angles)
+    np.testing.assert_allclose(twice.values, alone.values, rtol=1e-3)
+    with pytest.raises(InputError, match="weight of a curve must be positive"):
+        calibrate_together([Specimen(strip, low, weight=0.0)])
+
+
+def test_bounds_of_the_law():
+    """Bounds hold where the data would have it otherwise, and do nothing elsewhere."""
+    square = frame()
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    free = calibrate(square, FRAME, loads, kind="picture-frame")
+    wide = calibrate(
+        square, FRAME, loads, kind="picture-frame", bounds=(linear(1.0), linear(100.0))
+    )
+    np.testing.assert_allclose(wide.values, free.values, rtol=2e-3)
+    cap = linear(9.0)
+    capped = calibrate(square, FRAME, loads, kind="picture-frame", bounds=(None, cap))
+    limit = cap.evaluate(capped.angles)[1]
+    assert (free.values > 1.05 * limit).any()
+    assert (capped.values <= limit * (1 + 1e-6)).all()
+    np.testing.assert_allclose(capped.values[-1], limit[-1], rtol=1e-6)
+    with pytest.raises(InputError, match="no rising law lies within the bounds"):
+        calibrate(square, FRAME, loads, kind="picture-frame", bounds=(linear(9.0), linear(5.0)))
 
 
 # -- hold-out ----------------------------------------------------------------------------------

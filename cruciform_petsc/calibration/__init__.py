@@ -2,7 +2,16 @@
 """Inverse identification of the shear law from a measured load curve; see calibrate.py."""
 
 from .curve import MeasuredCurve, read_curve
-from .identify import Calibration, calibrate
+from .identify import Calibration, Specimen, calibrate, calibrate_together
 from .predict import Prediction, predict
 
-__all__ = ["Calibration", "MeasuredCurve", "Prediction", "calibrate", "predict", "read_curve"]
+__all__ = [
+    "Calibration",
+    "MeasuredCurve",
+    "Prediction",
+    "Specimen",
+    "calibrate",
+    "calibrate_together",
+    "predict",
+    "read_curve",
+]

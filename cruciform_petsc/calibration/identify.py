@@ -346,6 +346,83 @@ def table_changes(angles: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
+class Specimen:
+    """A network and what was measured of it, for calibrate_together.
+
+    Attributes
+    ----------
+    network : Network
+    curve : MeasuredCurve
+    kind, upper, bending
+        See calibrate.
+    weight : float
+        Of this curve's mean square relative error among those of the others.
+    """
+
+    network: Network
+    curve: MeasuredCurve
+    kind: str = "bias-extension"
+    upper: str = "grip"
+    bending: bool = True
+    weight: float = 1.0
+
+
+class _Together:
+    """Load curves of several specimens, one after the other. Collective; see LoadCurve."""
+
+    def __init__(self, specimens: Sequence[Specimen], options: dict | None):
+        self.parts: list[LoadCurve] = []
+        try:
+            for s in specimens:
+                self.parts.append(
+                    LoadCurve(
+                        s.network, s.curve.displacement, kind=s.kind, upper=s.upper,
+                        bending=s.bending, options=options,
+                    )
+                )  # fmt: skip
+        except CruciformError:
+            self.destroy()
+            raise
+        self.network = specimens[0].network
+
+    @property
+    def newton_steps(self) -> int:
+        """Of all together."""
+        return sum(part.newton_steps for part in self.parts)
+
+    def solve(self, law: Potential) -> np.ndarray:
+        """Loads, N."""
+        return np.concatenate([part.solve(law) for part in self.parts])
+
+    def solve_other(self, law: Potential, what: str) -> np.ndarray | None:
+        """Loads with another value of something assumed, N; None if one cannot have it."""
+        loads = [
+            part.solve_shifted(law) if what == PLACE else part.solve_doubled(law, what)
+            for part in self.parts
+        ]
+        found = [load for load in loads if load is not None]
+        return np.concatenate(found) if len(found) == len(loads) else None
+
+    def accept(self) -> None:
+        """Start from the states of the last `solve` from now on."""
+        for part in self.parts:
+            part.accept()
+
+    def derivatives(self, law: Potential, changes: Sequence[np.ndarray]) -> np.ndarray:
+        """Changes of all loads with changes of the law."""
+        return np.concatenate([part.derivatives(law, changes) for part in self.parts])
+
+    def angles(self) -> np.ndarray:
+        """Largest shear angle at each point, rad."""
+        return np.concatenate([part.angles() for part in self.parts])
+
+    def destroy(self) -> None:
+        """Free what PETSc holds."""
+        for part in self.parts:
+            part.destroy()
+
+
+@dataclass(frozen=True, eq=False)
 class Assumption:
     """What another value of something assumed would change.
 
@@ -422,6 +499,13 @@ class Calibration:
     newton_steps: int
     seconds: float
     message: str
+    specimens: tuple[Specimen, ...] = ()
+
+    @property
+    def parts(self) -> list[slice]:
+        """Which points belong to which specimen's curve."""
+        ends = np.cumsum([len(s.curve.force) for s in self.specimens] or [len(self.loads)])
+        return [slice(int(low), int(high)) for low, high in pairwise([0, *ends])]
 
     @property
     def residuals(self) -> np.ndarray:
@@ -475,9 +559,9 @@ class Calibration:
         """Say in sentences what the data do not tell."""
         degrees = np.rad2deg
         texts = [
-            f"The specimen sheared by up to {degrees(self.reached[0]):.1f} deg at its first point "
-            f"and {degrees(self.reached[-1]):.1f} deg at its last: before, the law is a curve from "
-            "zero; past that it is extrapolated along its last slope."
+            f"The specimen sheared by up to {degrees(self.reached.min()):.1f} deg at its first "
+            f"point and {degrees(self.reached.max()):.1f} deg at its last: before, the law is a "
+            "curve from zero; past that it is extrapolated along its last slope."
         ]
         for low, high in self.uncertain_ranges()[:-1]:
             texts.append(
@@ -521,6 +605,7 @@ def calibrate(
     bending: bool = True,
     angles: Any = None,
     smoothing: float = SMOOTHING,
+    bounds: tuple[Potential | None, Potential | None] = (None, None),
     options: dict | None = None,
     told: Callable[[str], None] | None = None,
 ) -> Calibration:
@@ -546,6 +631,8 @@ def calibrate(
     smoothing : float
         Weight of the law's second differences: a bend of the size of the law itself counts like
         this relative error of a load.
+    bounds : (Potential or None, Potential or None)
+        Laws that psi' of the table may not be below, or above.
     options : dict, optional
         PETSc options for the solver.
     told : callable, optional
@@ -557,44 +644,91 @@ def calibrate(
         On every rank: bad data; no equilibrium with the start, for instance because no network of
         this shape can be extended as far as the data go.
     """
-    begin = time.perf_counter()
-    told = told or _LOG.info
     if isinstance(displacement, MeasuredCurve):
         curve = displacement
     elif force is None:
         raise InputError("calibrate needs the forces beside the displacements")
     else:
         curve = MeasuredCurve.from_points(displacement, force)
+    return calibrate_together(
+        [Specimen(network, curve, kind, upper, bending)],
+        angles=angles, smoothing=smoothing, bounds=bounds, options=options, told=told,
+    )  # fmt: skip
+
+
+def calibrate_together(
+    specimens: Sequence[Specimen],
+    *,
+    angles: Any = None,
+    smoothing: float = SMOOTHING,
+    bounds: tuple[Potential | None, Potential | None] = (None, None),
+    options: dict | None = None,
+    told: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Identify one shear law from measured curves of several specimens. Collective.
+
+    The mean over a curve's points is what its weight multiplies, so that a curve with many points
+    counts like one with few. The fabric is that of the first specimen.
+
+    Parameters
+    ----------
+    specimens : sequence of Specimen
+    angles, smoothing, bounds, options, told
+        See calibrate.
+
+    Raises
+    ------
+    InputError, SolverError
+        See calibrate.
+    """
+    begin = time.perf_counter()
+    told = told or _LOG.info
     if not (np.isfinite(smoothing) and smoothing > 0.0):
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
-    _check_reach(network, float(np.max(curve.displacement)), kind, upper)
-    specimen = LoadCurve(
-        network, curve.displacement, kind=kind, upper=upper, bending=bending, options=options
-    )
+    if not specimens:
+        raise InputError("calibrate_together needs a specimen")
+    for s in specimens:
+        if not (np.isfinite(s.weight) and s.weight > 0.0):
+            raise InputError(f"the weight of a curve must be positive and finite, got {s.weight:g}")
+        _check_reach(s.network, float(np.max(s.curve.displacement)), s.kind, s.upper)
+    curve = specimens[0].curve
+    if len(specimens) > 1:
+        curve = MeasuredCurve(
+            np.concatenate([s.curve.displacement for s in specimens]),
+            np.concatenate([s.curve.force for s in specimens]),
+            sum(s.curve.rows for s in specimens),
+        )
+    together = _Together(specimens, options)
     try:
-        start_from, first = _start(specimen, curve)
-        start_loads = specimen.solve(first)
-        specimen.accept()
+        # A frame gives the law point by point; from strips the first.
+        best = next((i for i, s in enumerate(specimens) if s.kind == "picture-frame"), 0)
+        start_from, first = _start(together.parts[best], specimens[best].curve)
+        start_loads = together.solve(first)
+        together.accept()
         told(f"start from the {start_from}, RMS {_percent(start_loads / curve.force - 1.0)}")
-        knots = _knots(angles, float(specimen.angles().max()))
-        problem = _Problem(specimen, curve, knots, first, smoothing)
+        knots = _knots(angles, float(together.angles().max()))
+        weights = [np.full(len(s.curve.force), s.weight / len(s.curve.force)) for s in specimens]
+        weight = np.concatenate(weights) / sum(s.weight for s in specimens)
+        problem = _Problem(together, curve, weight, knots, first, smoothing, bounds)
         iterations, message = problem.minimise(told)
-        return _finished(problem, first, start_from, start_loads, iterations, message, begin)
+        found = _finished(problem, first, start_from, start_loads, iterations, message, begin)
+        return replace(found, specimens=tuple(specimens))
     except EquilibriumError as error:
         raise InputError(
             "the network of the specimen has no equilibrium with the start for the law "
             f"({error}): check the specimen's size against the displacements, or leave out the last"
         ) from error
     finally:
-        specimen.destroy()
+        together.destroy()
 
 
 class _Problem:
     """The sum of squares, in rises of the table over their size in the start, ``z``."""
 
     def __init__(
-        self, specimen: LoadCurve, curve: MeasuredCurve, knots: np.ndarray, first: Potential,
-        smoothing: float,
+        self, specimen: _Together, curve: MeasuredCurve, weight: np.ndarray, knots: np.ndarray,
+        first: Potential, smoothing: float,
+        bounds: tuple[Potential | None, Potential | None] = (None, None),
     ):  # fmt: skip
         self.specimen, self.curve, self.knots, self.smoothing = specimen, curve, knots, smoothing
         values = np.maximum.accumulate(first.evaluate(knots)[1])
@@ -604,9 +738,18 @@ class _Problem:
         self.z, self.least = rises / scale, LEAST_SLOPE * even / scale
         self.values_of = np.tril(np.ones((len(knots), len(knots)))) * scale
         self.bends = _second_differences(np.log(knots))
-        self.data_weight = 1.0 / np.sqrt(len(curve.force))
+        self.data_weight = np.sqrt(weight)
         self.bend_weight = smoothing / np.sqrt(max(len(self.bends), 1))
         self.evaluations = 0
+        # Bounds of the law: rows @ z >= limits.
+        self.rows: np.ndarray = np.zeros((0, len(knots)))
+        self.limits: np.ndarray = np.zeros(0)
+        for law, sign in zip(bounds, (1.0, -1.0), strict=True):
+            if law is not None:
+                self.rows = np.concatenate([self.rows, sign * self.values_of])
+                self.limits = np.concatenate([self.limits, sign * law.evaluate(knots)[1]])
+        if len(self.limits):
+            self.z = self.z + self.best_step(self.values_of, np.zeros(len(knots)))
 
     @property
     def values(self) -> np.ndarray:
@@ -642,6 +785,10 @@ class _Problem:
 
         damped = np.concatenate([jacobian, np.sqrt(damping) * np.eye(len(self.z))])
         right = np.concatenate([-r, np.zeros(len(self.z))])
+        if len(self.limits):
+            rows = np.concatenate([self.rows, np.eye(len(self.z))])
+            room = np.concatenate([self.limits, self.least]) - rows @ self.z
+            return self.specimen.network.comm.bcast(_least_squares(damped, right, rows, room))
         # The bounds must lie on both sides of zero for SciPy.
         step = lsq_linear(damped, right, (self.least - self.z - 1e-12, np.inf)).x
         return self.specimen.network.comm.bcast(step)
@@ -649,7 +796,8 @@ class _Problem:
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals by z. Collective."""
         return np.concatenate([
-            self.data_weight * self.data_jacobian(), self.bend_weight * self.bend_jacobian()
+            self.data_weight[:, None] * self.data_jacobian(),
+            self.bend_weight * self.bend_jacobian()
         ]) @ self.values_of  # fmt: skip
 
     def minimise(self, told: Callable[[str], None]) -> tuple[int, str]:
@@ -691,14 +839,16 @@ def _finished(
     loads = specimen.solve(law)
     specimen.accept()
     # Relative in the values, too, so that singular values are plain numbers.
-    data = problem.data_jacobian() * values
+    # Points of a curve with twice the weight count as if they scattered by 1/sqrt(2).
+    even = np.sqrt(len(loads)) * problem.data_weight
+    data = even[:, None] * problem.data_jacobian() * values
     bends = problem.bend_jacobian() * values
     n, m = data.shape
     weight = problem.smoothing * np.sqrt(n / max(len(bends), 1))
     normal = data.T @ data + weight**2 * bends.T @ bends
     inverse = np.linalg.pinv(normal, hermitian=True)
     settled = float(np.trace(inverse @ data.T @ data))
-    misfit = float(np.sum((loads / curve.force - 1.0) ** 2))
+    misfit = float(np.sum((even * (loads / curve.force - 1.0)) ** 2))
     noise = max(np.sqrt(misfit / max(n - settled, 1.0)), LEAST_NOISE)
     relative = noise * np.sqrt(np.maximum(np.diag(inverse), 0.0))
     reached = specimen.angles()
@@ -711,7 +861,7 @@ def _finished(
         problem.bend_weight * problem.bends @ np.log(values),
     ])  # fmt: skip
     for what in (*ASSUMED, PLACE):
-        other = specimen.solve_shifted(law) if what == PLACE else specimen.solve_doubled(law, what)
+        other = specimen.solve_other(law, what)
         if other is not None:
             shifted = r.copy()
             shifted[:n] += problem.data_weight * (other - loads) / curve.force
@@ -829,6 +979,30 @@ def _knots(angles: Any, reached: float) -> np.ndarray:
             "angles must be two or more, ascending from above zero to less than 90 degrees"
         )
     return knots
+
+
+def _least_squares(
+    matrix: np.ndarray, right: np.ndarray, rows: np.ndarray, limits: np.ndarray
+) -> np.ndarray:
+    """Find x with least |matrix x - right| and rows x >= limits; matrix has full column rank.
+
+    Lawson & Hanson 1974, Solving Least Squares Problems, chapter 23: least distance by NNLS.
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
+    q, r = np.linalg.qr(matrix)
+    along = solve_triangular(r, rows.T, trans="T").T
+    free = solve_triangular(r, q.T @ right)
+    size = np.linalg.norm(along, axis=1)
+    along, needed = along / size[:, None], (limits - rows @ free) / size
+    unit = max(float(np.abs(needed).max()), 1e-300)
+    system = np.vstack([along.T, needed / unit])
+    target = np.append(np.zeros(along.shape[1]), 1.0)
+    rest = system @ nnls(system, target)[0] - target
+    if -rest[-1] < 1e-9:
+        raise InputError("no rising law lies within the bounds: the lower must be below the upper")
+    return free + solve_triangular(r, -unit * rest[:-1] / rest[-1])
 
 
 def _second_differences(x: np.ndarray) -> np.ndarray:

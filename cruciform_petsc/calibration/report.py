@@ -40,8 +40,8 @@ def law_file(calibration: Calibration) -> str:
     """The text of law.toml."""
     d = calibration.curve.displacement
     remarks = [
-        f"Identified from {len(d)} loads between {1e3 * d[0]:.4g} and {1e3 * d[-1]:.4g} mm, RMS of "
-        f"the relative error {100 * calibration.rms:.2f} %.",
+        f"Identified from {len(d)} loads between {1e3 * d.min():.4g} and {1e3 * d.max():.4g} mm, "
+        f"RMS of the relative error {100 * calibration.rms:.2f} %.",
         *calibration.remarks(),
     ]
     comments = [f"# {text}" for remark in remarks for text in _wrapped(remark)]
@@ -62,6 +62,15 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "start_n": c.start_loads,
         "load_n": c.loads,
         "start_from": c.start_from,
+        "curves": [
+            {
+                "kind": s.kind,
+                "weight": s.weight,
+                "points": len(s.curve.force),
+                "rms_relative_error": float(np.sqrt(np.mean(c.residuals[part] ** 2))),
+            }
+            for s, part in zip(c.specimens, c.parts, strict=False)
+        ],
         "parameters": [
             {
                 "angle_deg": float(np.rad2deg(angle)),
@@ -125,9 +134,12 @@ def write(
         The summary.
     """
     c = calibration
+    number = np.concatenate([
+        np.full(part.stop - part.start, i + 1) for i, part in enumerate(c.parts)
+    ])  # fmt: skip
     write_csv(
         comm, directory / "calibration.csv",
-        {
+        ({"curve": number} if len(c.parts) > 1 else {}) | {
             "displacement_mm": 1e3 * c.curve.displacement,
             "measured_N": c.curve.force,
             "start_N": c.start_loads,
@@ -214,21 +226,25 @@ def _figure(c: Calibration, title: str) -> Figure:
 
 def _draw_curves(curves: Axes, residual: Axes, c: Calibration) -> None:
     d = 1e3 * c.curve.displacement
-    through = np.append(0.0, d)
-    curves.plot(
-        through, np.append(0.0, c.start_loads), color="0.55", linestyle=(0, (5, 2)), linewidth=1.2,
-        label=f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)",
-    )  # fmt: skip
-    curves.plot(
-        through, np.append(0.0, c.loads), color=COLOURS[0],
-        label=f"network with the identified law ({100 * c.rms:.1f} %)",
-    )  # fmt: skip
     many = len(d) < c.curve.rows
-    curves.plot(
-        d, c.curve.force, "o", color=COLOURS[1], markersize=4.2, markerfacecolor="white",
-        label=f"measured (averages of {c.curve.rows} rows)" if many else "measured", zorder=5,
-    )  # fmt: skip
-    curves.set(ylabel="load (N)", xlim=(0.0, 1.03 * d[-1]), ylim=(0.0, None))
+    labels = (
+        f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)",
+        f"network with the identified law ({100 * c.rms:.1f} %)",
+        f"measured (averages of {c.curve.rows} rows)" if many else "measured",
+    )
+    for part in c.parts:
+        through = np.append(0.0, d[part])
+        curves.plot(
+            through, np.append(0.0, c.start_loads[part]), color="0.55", linestyle=(0, (5, 2)),
+            linewidth=1.2, label=labels[0],
+        )  # fmt: skip
+        curves.plot(through, np.append(0.0, c.loads[part]), color=COLOURS[0], label=labels[1])
+        curves.plot(
+            d[part], c.curve.force[part], "o", color=COLOURS[1], markersize=4.2,
+            markerfacecolor="white", label=labels[2], zorder=5,
+        )  # fmt: skip
+        labels = ("_", "_", "_")
+    curves.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
     curves.tick_params(labelbottom=False)
     curves.legend(frameon=False, loc="upper left")
     curves.set_title("Load curve", loc="left")
