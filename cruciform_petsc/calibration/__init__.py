@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Inverse identification of the shear law from a measured load curve; see calibrate.py."""
 
+from .bending import bending_rigidity, bending_rigidity_peirce
 from .curve import MeasuredCurve, read_curve
 from .identify import Calibration, Specimen, calibrate, calibrate_together
 from .predict import Prediction, predict
@@ -10,6 +11,8 @@ __all__ = [
     "MeasuredCurve",
     "Prediction",
     "Specimen",
+    "bending_rigidity",
+    "bending_rigidity_peirce",
     "calibrate",
     "calibrate_together",
     "predict",
