@@ -7,6 +7,8 @@ docs/calibration.md tells how to use it and what it assumes.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from .calibration import MeasuredCurve, read_curve
-from .calibration.identify import KINDS, Calibration, calibrate
+from .calibration.identify import KINDS, Calibration, Specimen, calibrate, calibrate_together
 from .calibration.predict import Prediction, predict
 from .calibration.report import hold_out_summary, write, write_hold_out
 from .case import Case, on_root
@@ -32,6 +34,8 @@ def calibrate_case(
     directory: Path,
     log: logging.Logger,
     hold_out: tuple[Case, str | Path] | None = None,
+    also: Sequence[tuple[Case, str | Path]] = (),
+    weights: Sequence[float] | None = None,
 ) -> dict[str, Any]:
     """Identify the shear law of a case's fabric and write the results into a folder. Collective.
 
@@ -51,6 +55,10 @@ def calibrate_case(
         Another specimen of the same cloth and its measured curve, to be predicted with the law
         found: of this case the preform and ``upper`` and ``bending`` of [test] count, and
         hold_out.csv is written.
+    also : sequence of (Case, path)
+        Further specimens of the cloth and their curves that the law is to follow, too.
+    weights : sequence of float, optional
+        Of the curves, the first one's first; default: all alike.
 
     Returns
     -------
@@ -65,9 +73,15 @@ def calibrate_case(
     _options_of(case, "the case")
     if hold_out is not None:
         _options_of(hold_out[0], "the hold-out case")
+    for other, _ in also:
+        _options_of(other, "the case beside it")
+    weights = [1.0] * (1 + len(also)) if weights is None else weights
+    if len(weights) != 1 + len(also):
+        raise InputError(f"there are {len(weights)} weights for {1 + len(also)} curves")
     curve = on_root(comm, lambda: read_curve(data_path))
     if hold_out is not None:  # what is wrong with the second curve is told before the work begins
         other_curve = on_root(comm, lambda: read_curve(hold_out[1]))
+    also_curves = [on_root(comm, partial(read_curve, path)) for _, path in also]
     fabric, preform = case.fabric(), case.preform()
     log.info("%s", case.title)
     log.info("           %r", fabric)
@@ -81,13 +95,20 @@ def calibrate_case(
         curve.rows, len(d), format_si(d[0], "m"), format_si(d[-1], "m"),
         format_si(f.min(), "N"), format_si(f.max(), "N"),
     )  # fmt: skip
-    found = calibrate(
-        network, curve, **_options_of(case, "the case"),
-        told=lambda text: log.info("           %s", text),
-    )  # fmt: skip
+    specimens = [_specimen(network, curve, case, weights[0])]
+    for (other, path), measured, weight in zip(also, also_curves, weights[1:], strict=True):
+        log.info(
+            '           beside it %s, %d points of "%s"', other.title, len(measured.force), path
+        )
+        specimen = Network(comm, other.preform(), fabric)
+        specimens.append(_specimen(specimen, measured, other, weight))
+    found = calibrate_together(
+        specimens, options=case.solver.options, told=lambda text: log.info("           %s", text)
+    )
     more = {
         "title": case.title,
         "data": str(data_path),
+        **({"data_beside": [str(path) for _, path in also]} if also else {}),
         "crossovers": statistics["crossovers"],
         "ranks": comm.size,
     }
@@ -108,6 +129,11 @@ def calibrate_case(
         "              %d steps, %d load curves, %d Newton steps, %.1f s: %s",
         found.iterations, found.evaluations, found.newton_steps, found.seconds, found.message,
     )  # fmt: skip
+    for s, part in zip(found.specimens, found.parts, strict=True) if also else ():
+        log.info(
+            "              %s, weight %g: RMS %.2f %%",
+            s.kind, s.weight, 100.0 * np.sqrt(np.mean(found.residuals[part] ** 2)),
+        )  # fmt: skip
     log.info("law           angle      psi'           standard error")
     for angle, value, error, known, depends in zip(
         found.angles, found.values, found.standard_errors, found.determined, found.dependent,
@@ -138,6 +164,12 @@ def _options_of(case: Case, name: str) -> dict[str, Any]:
     return {
         "kind": test.kind, "upper": upper, "bending": test.bending, "options": case.solver.options
     }  # fmt: skip
+
+
+def _specimen(network: Network, curve: MeasuredCurve, case: Case, weight: float) -> Specimen:
+    """Put together what a case and its curve say."""
+    told = _options_of(case, "the case")
+    return Specimen(network, curve, told["kind"], told["upper"], told["bending"], weight)
 
 
 def _predict(

@@ -402,6 +402,30 @@ def test_frame_of_a_case(tmp_path):
     told = calibrate_case(MPI.COMM_SELF, case, path, tmp_path, LOG)
     assert told["rms_relative_error"] < 0.005
 
+    # A strip beside it, of the same law; the curves' points follow each other in the file.
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"] |= {"outline": {"rectangle": ["100 mm", "200 mm"]}, "bias_angle": "45 deg"}
+    data["test"] = {"kind": "bias-extension", "extension": "1 mm", "finite": True}
+    data["output"]["pictures"] = True
+    strip = Case.from_data(data)
+    d = DISPLACEMENT[1::3]
+    loads = loads_of(Network(MPI.COMM_SELF, strip.preform(), case.fabric()), law, d)
+    other = tmp_path / "strip.csv"
+    other.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, loads, strict=True)))
+    told = calibrate_case(
+        MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0, 0.5]
+    )
+    assert [curve["kind"] for curve in told["curves"]] == ["bias-extension", "picture-frame"]
+    assert [curve["weight"] for curve in told["curves"]] == [1.0, 0.5]
+    assert max(curve["rms_relative_error"] for curve in told["curves"]) < 0.02
+    rows = np.genfromtxt(tmp_path / "calibration.csv", delimiter=",", names=True)
+    assert rows["curve"].tolist() == [1] * len(d) + [2] * len(FRAME)
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="there are 1 weights for 2 curves"):
+        calibrate_case(
+            MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0]
+        )
+
 
 def test_frames_that_cannot_be():
     with pytest.raises(InputError, match="is closed at 58.57"):
