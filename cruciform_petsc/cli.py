@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from .case import Case, on_root
 from .errors import CruciformError, InputError
@@ -34,7 +34,16 @@ if TYPE_CHECKING:
 
 PROGRAM = "cruciform-petsc"
 
-_WITH_VALUE = ("--set", "--output", "--data")
+_WITH_VALUE = (
+    "--set",
+    "--output",
+    "--data",
+    "--also",
+    "--also-data",
+    "--weights",
+    "--hold-out",
+    "--hold-out-data",
+)
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -229,6 +238,17 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
 
         check_case(comm, case, log)
         return
+    other, also = None, []
+    if args.command == "calibrate":
+        if (args.hold_out is None) != (args.hold_out_data is None):
+            raise InputError(
+                "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
+            )
+        if len(args.also) != len(args.also_data):
+            raise InputError("each --also CASE needs an --also-data FILE, in the same order")
+        also = [Case.load_collective(comm, path, []) for path in args.also]
+        if args.hold_out is not None:
+            other = Case.load_collective(comm, args.hold_out, [])
     if args.output is not None:
         output = case.output.model_copy(update={"directory": args.output})
         case = case.model_copy(update={"output": output})
@@ -237,12 +257,25 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
     if args.command == "calibrate":
         from .calibrate import calibrate_case
 
-        calibrate_case(comm, case, args.data, directory, log)
+        more: dict[str, Any] = {} if other is None else {"hold_out": (other, args.hold_out_data)}
+        if also:
+            more["also"] = list(zip(also, args.also_data, strict=True))
+        if args.weights is not None:
+            more["weights"] = _numbers(args.weights)
+        calibrate_case(comm, case, args.data, directory, log, **more)
     else:
         running.append(directory)
         from .run import run_case
 
         run_case(comm, case, directory, log)
+
+
+def _numbers(text: str) -> list[float]:
+    """Read numbers with commas between them."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f'--weights must be numbers like 1,0.5, got "{text}"') from None
 
 
 def _new(comm: MPI.Intracomm, kind: str, file: str | None) -> None:
@@ -388,6 +421,31 @@ def _parser() -> _Parser:
                 metavar="FILE",
                 required=True,
                 help="the measured curve: CSV of displacement and force, units in the header",
+            )
+            sub.add_argument(
+                "--also",
+                metavar="CASE",
+                action="append",
+                default=[],
+                help="a further specimen that the law shall follow, too; may be repeated",
+            )
+            sub.add_argument(
+                "--also-data",
+                metavar="FILE",
+                action="append",
+                default=[],
+                help="the measured curve of that specimen",
+            )
+            sub.add_argument(
+                "--weights", metavar="W,W,...", help="of the curves, the first one's first: 1,0.5"
+            )
+            sub.add_argument(
+                "--hold-out",
+                metavar="CASE",
+                help="another specimen of the cloth, whose curve the law found shall predict",
+            )
+            sub.add_argument(
+                "--hold-out-data", metavar="FILE", help="the measured curve of that specimen"
             )
         sub.add_argument(
             "--set",

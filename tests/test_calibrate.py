@@ -12,8 +12,21 @@ import pytest
 from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
-from cruciform_petsc.calibration import MeasuredCurve, calibrate, read_curve
-from cruciform_petsc.calibration.formula import net_angle, net_load, torque_from_loads
+from cruciform_petsc.calibration import (
+    MeasuredCurve,
+    Specimen,
+    calibrate,
+    calibrate_together,
+    predict,
+    read_curve,
+)
+from cruciform_petsc.calibration.formula import (
+    frame_angle,
+    net_angle,
+    net_load,
+    torque_from_frame,
+    torque_from_loads,
+)
 from cruciform_petsc.calibration.identify import LoadCurve, table_changes
 from cruciform_petsc.case import Case
 from cruciform_petsc.errors import InputError
@@ -308,6 +321,216 @@ def test_place_of_the_yarns_is_told():
     assert (found.dependent == (abs(told.values) > 0.2)).all()
 
 
+# -- picture frame -----------------------------------------------------------------------------
+
+FRAME = 1e-3 * np.array([3, 8, 14, 20, 26, 31, 35])  # of 100 mm sides: 5 to 67 degrees
+
+
+def frame(size=("100 mm", "100 mm"), fabric=UNKNOWN):
+    return specimen(4, size, "0 deg", fabric)
+
+
+def test_formula_of_the_frame():
+    """psi' = F sin(theta)/L of a square; of a rectangle from differences of the energy."""
+    g, torque = torque_from_frame(FRAME, np.ones(len(FRAME)), (0.1, 0.1))
+    np.testing.assert_allclose(torque, np.sin(0.5 * (0.5 * np.pi - g)) / 0.1, rtol=1e-12)
+    sides = 0.1, 0.15
+    step = [RISING.evaluate(frame_angle(FRAME + s * 1e-7, sides))[0] for s in (1, -1)]
+    force = 0.1 * 0.15 * (step[0] - step[1]) / 2e-7
+    g, torque = torque_from_frame(FRAME, force, sides)
+    np.testing.assert_allclose(torque, RISING.evaluate(g)[1], rtol=1e-6)
+    assert np.isnan(frame_angle([0.2], sides)).all()
+
+
+@pytest.mark.parametrize("size", [("100 mm", "100 mm"), ("80 mm", "120 mm")])
+def test_network_in_a_frame(size):
+    """Shears uniformly, so the formula is the network's load; derivatives against differences."""
+    network = frame(size)
+    curve = LoadCurve(network, FRAME[::2], kind="picture-frame")
+    try:
+        angles, values = np.deg2rad([5.0, 20.0, 45.0, 70.0]), np.array([3.0, 5.0, 9.0, 20.0])
+        law = table(angles, values)
+        loads = curve.solve(law)
+        curve.accept()
+        low_x, low_y, high_x, high_y = network.preform.outline.bounds
+        g, torque = torque_from_frame(FRAME[::2], loads, (high_x - low_x, high_y - low_y))
+        # Work of turning is a difference over 1e-5 of the angle.
+        np.testing.assert_allclose(torque, law.evaluate(g)[1], rtol=1e-4)
+        np.testing.assert_allclose(curve.angles(), g, rtol=1e-4)
+        exact = curve.derivatives(law, table_changes(angles, values))
+        for k in range(4):
+            h = 1e-3 * np.eye(4)[k] * values[k]
+            change = curve.solve(table(angles, values + h)) - curve.solve(table(angles, values - h))
+            np.testing.assert_allclose(
+                change / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
+            )
+    finally:
+        curve.destroy()
+
+
+def test_law_from_a_frame_predicts_a_bias_test():
+    """The law comes back from the frame; loads of a strip are foretold with it."""
+    network = frame()
+    loads = loads_of(network, RISING, FRAME, kind="picture-frame")
+    found = calibrate(network, FRAME, loads, kind="picture-frame")
+    assert found.start_from == "closed formula"
+    assert found.rms < 0.005
+    assert found.determined.all()
+    # Smoothing bends the law a little: 2 %, as with a strip.
+    inside = found.angles > frame_angle(FRAME[0], (0.1, 0.1))
+    true = RISING.evaluate(found.angles)[1]
+    np.testing.assert_allclose(found.values[inside], true[inside], rtol=0.02)
+    strip, d = specimen(4), DISPLACEMENT[2::2]
+    assert predict(found, strip, d, loads_of(strip, RISING, d)).rms < 0.02
+    # And the other way: the frame is foretold.
+    assert predict(found, network, FRAME, loads, kind="picture-frame").rms == pytest.approx(
+        found.rms, rel=1e-3
+    )
+
+
+def test_frame_of_a_case(tmp_path):
+    """A picture-frame case with the curve that this program writes of such a test."""
+    settings = ["preform.yarns_per_cruciform=5", "output.pictures=false"]
+    case = Case.load(DEMOS / "picture_frame.toml", settings)
+    law = case.fabric().shear
+    g = frame_angle(FRAME, (0.1, 0.1))
+    f = law.evaluate(g)[1] * 0.1 / np.sin(0.25 * np.pi - 0.5 * g)
+    head = "angle_deg,load_N,crosshead_mm,shear_force_N_per_mm\n"
+    rows = zip(np.rad2deg(g), f, 1e3 * FRAME, f, strict=True)
+    path = tmp_path / "frame.csv"
+    path.write_text(head + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
+    told = calibrate_case(MPI.COMM_SELF, case, path, tmp_path, LOG)
+    assert told["rms_relative_error"] < 0.005
+
+    # A strip beside it, of the same law; the curves' points follow each other in the file.
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"] |= {"outline": {"rectangle": ["100 mm", "200 mm"]}, "bias_angle": "45 deg"}
+    data["test"] = {"kind": "bias-extension", "extension": "1 mm", "finite": True}
+    data["output"]["pictures"] = True
+    strip = Case.from_data(data)
+    d = DISPLACEMENT[1::3]
+    loads = loads_of(Network(MPI.COMM_SELF, strip.preform(), case.fabric()), law, d)
+    other = tmp_path / "strip.csv"
+    other.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, loads, strict=True)))
+    told = calibrate_case(
+        MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0, 0.5]
+    )
+    assert [curve["kind"] for curve in told["curves"]] == ["bias-extension", "picture-frame"]
+    assert [curve["weight"] for curve in told["curves"]] == [1.0, 0.5]
+    assert max(curve["rms_relative_error"] for curve in told["curves"]) < 0.02
+    rows = np.genfromtxt(tmp_path / "calibration.csv", delimiter=",", names=True)
+    assert rows["curve"].tolist() == [1] * len(d) + [2] * len(FRAME)
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="there are 1 weights for 2 curves"):
+        calibrate_case(
+            MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0]
+        )
+
+
+def test_frames_that_cannot_be():
+    with pytest.raises(InputError, match="is closed at 58.57"):
+        calibrate(frame(), [0.01, 0.02, 0.03, 0.07], [1.0, 2, 3, 4], kind="picture-frame")
+    with pytest.raises(InputError, match="kind is 'biaxial'; it can be"):
+        calibrate(frame(), FRAME, FRAME, kind="biaxial")
+
+
+# -- several curves, bounds ---------------------------------------------------------------------
+
+
+def test_two_curves_and_their_weights():
+    """A strip and a frame of cloths that differ by 20 %: the law goes with the weights."""
+    strip, square = specimen(5), frame()
+    d = DISPLACEMENT[1::3]
+    low = MeasuredCurve.from_points(d, loads_of(strip, RISING, d))
+    high = MeasuredCurve.from_points(
+        FRAME, 1.2 * loads_of(square, RISING, FRAME, kind="picture-frame")
+    )
+    true = RISING.evaluate(np.deg2rad(20.0))[1]
+    ratio = []
+    for weight in (0.01, 100.0):
+        found = calibrate_together(
+            [Specimen(strip, low, weight=weight), Specimen(square, high, "picture-frame")]
+        )
+        ratio.append(found.law.evaluate(np.deg2rad(20.0))[1] / true)
+        assert [part.stop for part in found.parts] == [len(d), len(d) + len(FRAME)]
+        assert len(found.residuals) == len(d) + len(FRAME)
+    # Between the two, nearer to the heavier one; to smoothing.
+    np.testing.assert_allclose(ratio, [1.2, 1.0], atol=0.03)
+    alone = calibrate(square, high, kind="picture-frame", angles=found.angles)
+    twice = calibrate_together([Specimen(square, high, "picture-frame")] * 2, angles=found.angles)
+    np.testing.assert_allclose(twice.values, alone.values, rtol=1e-3)
+    with pytest.raises(InputError, match="weight of a curve must be positive"):
+        calibrate_together([Specimen(strip, low, weight=0.0)])
+
+
+def test_bounds_of_the_law():
+    """Bounds hold where the data would have it otherwise, and do nothing elsewhere."""
+    square = frame()
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    free = calibrate(square, FRAME, loads, kind="picture-frame")
+    wide = calibrate(
+        square, FRAME, loads, kind="picture-frame", bounds=(linear(1.0), linear(100.0))
+    )
+    np.testing.assert_allclose(wide.values, free.values, rtol=2e-3)
+    cap = linear(9.0)
+    capped = calibrate(square, FRAME, loads, kind="picture-frame", bounds=(None, cap))
+    limit = cap.evaluate(capped.angles)[1]
+    assert (free.values > 1.05 * limit).any()
+    assert (capped.values <= limit * (1 + 1e-6)).all()
+    np.testing.assert_allclose(capped.values[-1], limit[-1], rtol=1e-6)
+    with pytest.raises(InputError, match="no rising law lies within the bounds"):
+        calibrate(square, FRAME, loads, kind="picture-frame", bounds=(linear(9.0), linear(5.0)))
+
+
+# -- hold-out ----------------------------------------------------------------------------------
+
+
+def test_another_specimen_is_predicted():
+    """A law found on H = 2 W foretells H = 2.5 W; the law before does not."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, RISING))
+    other = specimen(size=("80 mm", "200 mm"))
+    further = 1e-3 * np.array([5.0, 15.0, 25.0, 35.0, 44.0])
+    told = predict(found, other, further, loads_of(other, RISING, further))
+    # As far as the law is known: the errors of its table, 2 % each (see above).
+    assert told.rms_known < 0.015
+    assert told.extrapolated.tolist() == (told.angles > found.reached.max()).tolist()
+    before = predict(UNKNOWN.shear, other, further, loads_of(other, RISING, further))
+    assert before.rms > 10.0 * told.rms_known
+    assert not before.extrapolated.any()
+
+
+def test_hold_out_of_a_case(tmp_path):
+    """A second case and its data: figures in the summary, the curve in a file."""
+    settings = ["preform.yarns_per_cruciform=4", "output.pictures=false"]
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml", settings)
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"]["outline"] = {"rectangle": ["100 mm", "240 mm"]}
+    other = Case.from_data(data)
+    d = 1e-3 * np.array([6.0, 15.0, 30.0, 45.0])
+    f = loads_of(Network(MPI.COMM_SELF, other.preform(), GLASS_PP), GLASS_PP.shear, d)
+    path = tmp_path / "other.csv"
+    path.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, f, strict=True)))
+    curve = tmp_path / "curve.csv"
+    measured = (DEMOS / "glass_pp_bias.csv").read_text().splitlines()
+    curve.write_text("\n".join(measured[:-9]))
+    told = calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (other, path))
+    kept = json.loads((tmp_path / "summary.json").read_text())["hold_out"]
+    assert kept["rms_relative_error"] == told["hold_out"]["rms_relative_error"]
+    assert kept["points"] == 4
+    # The same law at another mesh: where the coarse yarns lie is 5 to 10 % of the loads.
+    assert 0.0 < kept["rms_relative_error"] < 0.25
+    rows = np.genfromtxt(tmp_path / "hold_out.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(rows["measured_N"], f, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(rows["relative_residual"] ** 2)), kept["rms_relative_error"], rtol=1e-6
+    )
+
+    data["test"] = {"kind": "off-axis-tension", "extension": "1 mm"}
+    with pytest.raises(InputError, match='of the hold-out case is "off-axis-tension"'):
+        calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (Case.from_data(data), path))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -365,7 +588,7 @@ def test_other_tests_are_refused(tmp_path):
     case = Case.load(DEMOS / "calibrate_glass_pp.toml")
     data = case.model_dump(exclude_none=True)
     data["test"] = {"kind": "off-axis-tension", "extension": "1 mm"}
-    with pytest.raises(InputError, match='identified from kind = "bias-extension" only'):
+    with pytest.raises(InputError, match='with kind = "bias-extension" or "picture-frame" only'):
         calibrate_case(
             MPI.COMM_SELF, Case.from_data(data), DEMOS / "glass_pp_bias.csv", tmp_path, LOG
         )

@@ -274,6 +274,11 @@ def test_calibrate_gets_its_data(tmp_path, case):
     ]
     message = "the following arguments are required: --data"
     assert_refused(cruciform_petsc(0, "calibrate", case), message)
+    result = cruciform_petsc(0, "calibrate", case, "--data", "curve.csv", "--hold-out", case)
+    message = "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
+    assert_refused(result, message)
+    result = cruciform_petsc(0, "calibrate", case, "--data", "curve.csv", "--also", case)
+    assert_refused(result, "each --also CASE needs an --also-data FILE, in the same order")
     result = cruciform_petsc(0, "run", case, "--data", "curve.csv")
     assert_refused(result, "unrecognized arguments: --data curve.csv")
 
@@ -413,7 +418,8 @@ def test_split_arguments(line, own, petsc):
         ("run c --verbos", 'there is no option "--verbos", did you mean "--verbose"?'),
         (
             "run c --ksp_type cg",
-            'there is no option "--ksp_type" (known: --set, --output, --data, --quiet, --verbose, '
+            'there is no option "--ksp_type" (known: --set, --output, --data, --also, '
+            "--also-data, --weights, --hold-out, --hold-out-data, --quiet, --verbose, "
             "--help, --version; PETSc options begin with one dash)",
         ),
         (

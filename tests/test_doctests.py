@@ -7,7 +7,9 @@ from importlib import import_module
 import pytest
 
 
-@pytest.mark.parametrize("name", ["units", "fabric", "preform", "potential", "template"])
+@pytest.mark.parametrize(
+    "name", ["units", "fabric", "preform", "potential", "template", "calibration.bending"]
+)
 def test_examples(name):
     """Each module's examples run, and there are some."""
     module = import_module(f"cruciform_petsc.{name}")

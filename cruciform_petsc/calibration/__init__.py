@@ -1,7 +1,20 @@
 # SPDX-License-Identifier: MIT
 """Inverse identification of the shear law from a measured load curve; see calibrate.py."""
 
+from .bending import bending_rigidity, bending_rigidity_peirce
 from .curve import MeasuredCurve, read_curve
-from .identify import Calibration, calibrate
+from .identify import Calibration, Specimen, calibrate, calibrate_together
+from .predict import Prediction, predict
 
-__all__ = ["Calibration", "MeasuredCurve", "calibrate", "read_curve"]
+__all__ = [
+    "Calibration",
+    "MeasuredCurve",
+    "Prediction",
+    "Specimen",
+    "bending_rigidity",
+    "bending_rigidity_peirce",
+    "calibrate",
+    "calibrate_together",
+    "predict",
+    "read_curve",
+]

@@ -204,6 +204,8 @@ def _number(cell: str, delimiter: str) -> float | None:
 
 def _factor_in(title: str, unit: str) -> float | None:
     """Return how many `unit` one of the unit in a column's title is, or None if it has no such."""
+    if re.search(r"[\s_]per[\s_]", title):
+        return None  # N_per_mm is no mm
     in_brackets = re.findall(r"[\[(]([^\])]*)[\])]", title)
     # A unit in brackets is the unit; without, it is what the name ends with.
     parts = in_brackets[-1:] or re.split(r"[\s_/,]+", title.strip())[-1:]

@@ -11,6 +11,11 @@ moved apart by d:
 C, a torque per area, is psi' of docs/laws.md: with the zones' areas, W (2 H - 3 W)/2 in the middle
 and W^2 beside, work is F dd = W (2 H - 3 W)/2 C(g) dg + W^2 C(g/2) dg/2, and dd = L0/2 (cos g/2 -
 sin g/2) dg.
+
+A picture frame with sides a and b along the yarns, its longer diagonal D pulled by the force F,
+shears all of the cloth by the angle g of the frame: D^2 = a^2 + b^2 + 2 a b sin g, work is F dD =
+a b C(g) dg, hence C = F cos(g)/D; for a square of side L that is F sin(theta)/L, 2 theta = 90deg -
+g being the angle of the frame.
 """
 
 from __future__ import annotations
@@ -76,3 +81,36 @@ def torque_from_loads(
             right -= width * share * torque[j]
         torque[i] = right / left
     return angle[1:], torque[1:]
+
+
+def frame_angle(displacement: np.ndarray | float, sides: tuple[float, float]) -> np.ndarray:
+    """Shear angle of a picture frame, rad; NaN from where it is closed.
+
+    Parameters
+    ----------
+    displacement : float (n,)
+        Growth of the longer diagonal, m.
+    sides : (float, float)
+        Between the hinges, m.
+    """
+    a, b = sides
+    diagonal = np.hypot(a, b) + np.asarray(displacement, float)
+    sine = (diagonal**2 - a * a - b * b) / (2.0 * a * b)
+    return np.arcsin(np.where(sine < 1.0, sine, np.nan))
+
+
+def torque_from_frame(
+    displacement: np.ndarray, force: np.ndarray, sides: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Angles g, rad, and C(g), N/m, of a picture frame that is not yet closed.
+
+    Parameters
+    ----------
+    displacement, force : float (n,)
+        Of the longer diagonal.
+    sides : (float, float)
+        Between the hinges, filled with cloth, m.
+    """
+    g = frame_angle(displacement, sides)
+    diagonal = np.hypot(*sides) + np.asarray(displacement, float)
+    return g, np.asarray(force, float) * np.cos(g) / diagonal

@@ -34,9 +34,11 @@ import numpy as np
 
 from ..constraints import Constraints
 from ..elements import energy as kernels
-from ..elements.energy import FORCE, Cloth
+from ..elements.energy import ENERGY, FORCE, Cloth
 from ..errors import CruciformError, InputError
+from ..experiments.base import Experiment
 from ..experiments.bias_extension import BiasExtension
+from ..experiments.picture_frame import PictureFrame
 from ..fabric import Fabric
 from ..finite import FiniteNetwork
 from ..network import Network
@@ -45,11 +47,13 @@ from ..potential import table as table_law
 from ..solvers.nonlinear import Equilibrium, EquilibriumError, follow
 from ..units import format_si
 from .curve import MeasuredCurve
-from .formula import torque_from_loads
+from .formula import frame_angle, torque_from_frame, torque_from_loads
 
+KINDS = ("bias-extension", "picture-frame")
 # Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
 LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
 SMOOTHING = 0.3
+LARGEST_FRAME_ANGLE = np.deg2rad(85.0)
 # A law may not fall, and must rise at least by this part of its mean slope, for a stable cloth.
 LEAST_SLOPE = 0.02
 # A value whose standard error is larger than this part of it counts as not determined.
@@ -60,6 +64,7 @@ POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
 # What the law depends on without being identified, worth a look each time.
 ASSUMED = ("tension modulus", "yarn bending", "compression")
 PLACE = "place of the yarns"
+TURN = 1e-5  # rad, of a frame, for differences
 TOLERANCE = 1e-4  # relative change of the sum that ends the iterations
 EXACT = 1e-10  # a sum so small is none: loads are equilibria to about the root of it
 MOST_ITERATIONS = 30
@@ -68,40 +73,51 @@ _LOG = logging.getLogger(__name__)
 
 
 class LoadCurve:
-    """Loads of a bias test at given extensions, for one shear law after the other. Collective.
+    """Loads of a specimen at given displacements, for one shear law after the other. Collective.
 
-    Each equilibrium starts from that of the last accepted law at the same extension, which takes
+    Each equilibrium starts from that of the last accepted law at the same displacement, which takes
     two or three Newton steps. Call destroy when done.
 
     Parameters
     ----------
     network : Network
-    extensions : float (n,)
-        Ascending [m].
+    displacement : float (n,)
+        Ascending [m]: extensions, or growths of the diagonal of a picture frame.
+    kind : "bias-extension" or "picture-frame"
     upper, bending, options
-        See BiasExtension.
+        See BiasExtension; ``upper`` is not looked at for a picture frame.
     """
 
     def __init__(
         self,
         network: Network,
-        extensions: np.ndarray,
+        displacement: np.ndarray,
         *,
+        kind: str = "bias-extension",
         upper: str = "grip",
         bending: bool = True,
         options: dict | None = None,
     ):
-        self.network, self.extensions = network, np.asarray(extensions, float)
-        self.experiment = BiasExtension(
-            network, self.extensions.tolist(), upper=upper, finite=True, bending=bending
-        )
+        self.network, self.displacement = network, np.asarray(displacement, float)
+        self.kind, self.upper = kind, upper
+        self.experiment: Experiment
+        # Of the experiment: extensions, m, or angles of the frame, rad.
+        self.controls = self.displacement
+        if kind == "picture-frame":
+            self.controls = frame_angle(self.displacement, _frame(network))
+            self.experiment = PictureFrame(
+                network, self.controls.tolist(), finite=True, bending=bending
+            )
+        else:
+            self.experiment = BiasExtension(
+                network, self.controls.tolist(), upper=upper, finite=True, bending=bending
+            )
         constraints = Constraints(network, bending)
         self._grips = self.experiment.grip(constraints)
         self.model = FiniteNetwork(constraints)
         self._cloth = self.model.cloth
         self._options = options
         self._equilibrium = Equilibrium(self.model, options)
-        self._velocity = self.experiment._velocity(self._grips, 0.0)
         self._places: list[np.ndarray] | None = None
         self._trial: list[np.ndarray] = []
         self.newton_steps = 0
@@ -110,11 +126,11 @@ class LoadCurve:
         """Free what PETSc holds. Collective."""
         self._equilibrium.destroy()
 
-    def _drive(self, extension: float):
-        return self.experiment._motions(self._grips, extension), 0.0
+    def _drive(self, control: float):
+        return self.experiment._motions(self._grips, control), 0.0
 
     def solve(self, law: Potential) -> np.ndarray:
-        """Load at each extension, N; (n,). Collective.
+        """Load at each displacement, N; (n,). Collective.
 
         Raises EquilibriumError on every rank if there is no equilibrium.
         """
@@ -127,7 +143,7 @@ class LoadCurve:
             return self._from_rest()
 
     def solve_doubled(self, law: Potential, what: str) -> np.ndarray | None:
-        """Load at each extension with twice something that was assumed, N; (n,). Collective.
+        """Load at each displacement with twice something that was assumed, N; (n,). Collective.
 
         States, and the cloth, are as they were afterwards.
 
@@ -165,7 +181,7 @@ class LoadCurve:
             self.model.cloth = replace(cloth, shear=law.packed)
 
     def solve_shifted(self, law: Potential) -> np.ndarray | None:
-        """Load at each extension with crossovers where gaps between yarns are, N; (n,).
+        """Load at each displacement with crossovers where gaps between yarns are, N; (n,).
 
         Collective. Which yarns the clamps hold changes with that. None if there is no equilibrium.
         """
@@ -177,8 +193,9 @@ class LoadCurve:
         try:
             other = LoadCurve(
                 Network(network.comm, replace(preform, origin=(x, y)), network.fabric),
-                self.extensions,
-                upper=self.experiment.upper,
+                self.displacement,
+                kind=self.kind,
+                upper=self.upper,
                 bending=self.model.bending,
                 options=self._options,
             )
@@ -197,12 +214,12 @@ class LoadCurve:
     def _restart(self, places: list[np.ndarray]) -> np.ndarray:
         equilibrium, loads = self._equilibrium, []
         self._trial = []
-        for extension, x in zip(self.extensions, places, strict=True):
+        for control, x in zip(self.controls, places, strict=True):
             equilibrium.x = x.copy()
-            self.model.prescribe(equilibrium.x, self._drive(extension)[0])
-            self.newton_steps += equilibrium.solve(extension).iterations
+            self.model.prescribe(equilibrium.x, self._drive(control)[0])
+            self.newton_steps += equilibrium.solve(control).iterations
             self._trial.append(equilibrium.x)
-            loads.append(self._load())
+            loads.append(self._load(control))
         return np.array(loads)
 
     def _from_rest(self) -> np.ndarray:
@@ -215,18 +232,23 @@ class LoadCurve:
             self.newton_steps += increment.iterations
             if increment.asked:
                 self._trial.append(x.copy())
-                loads.append(self._load())
+                loads.append(self._load(increment.control))
 
         step = self.experiment.default_step()
-        follow(equilibrium, self._drive, list(map(float, self.extensions)), step, accepted)
+        follow(equilibrium, self._drive, list(map(float, self.controls)), step, accepted)
         return np.array(loads)
 
-    def _load(self) -> float:
-        network = self.network
+    def _load(self, control: float) -> float:
+        network, experiment = self.network, self.experiment
         force = self._equilibrium.forces()[self.model.nodes.of_network_node]
         owned = slice(0, network.num_nodes_owned)
-        work = (force @ network.preform.rotation)[owned] * self._velocity[owned]
-        return network.comm.bcast(network.comm.allreduce(float(work.sum())))
+        velocity = experiment._velocity(self._grips, control)
+        work = network.comm.allreduce(
+            float(((force @ network.preform.rotation)[owned] * velocity[owned]).sum())
+        )
+        x = self._equilibrium.x
+        work += experiment._work_of_turning(self.model, x, self._grips, control)
+        return network.comm.bcast(experiment.load_of(work, control))
 
     def derivatives(self, law: Potential, changes: Sequence[np.ndarray]) -> np.ndarray:
         """Changes of the loads with changes of the law, at the states of the last `solve`.
@@ -248,31 +270,49 @@ class LoadCurve:
         none = linear(0.0).packed
         cloths = [Cloth(none, none, change, 0.0) for change in changes]
         c = model.cruciforms
-        pull = np.zeros_like(model.rest)
-        pull[model.nodes.of_network_node] = self._velocity @ network.preform.rotation.T
-        pull = model.nodes.exchange.forward(pull)
-        result = np.zeros((len(self.extensions), len(cloths)))
-        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
+
+        def part(level: int, cloth: Cloth, x: np.ndarray):
+            return kernels.cruciforms(
+                x[c.nodes], c.arm_length, c.area, cloth, level,
+                c.strain_source, c.turn_source, c.held,
+            )  # fmt: skip
+
+        result = np.zeros((len(self.controls), len(cloths)))
+        for i, (control, x) in enumerate(zip(self.controls, self._trial, strict=True)):
             equilibrium.x = x
-            model.prescribe(x.copy(), self._drive(extension)[0])
-            moved, _ = equilibrium.tangent_step(pull)
-            moved = moved[c.nodes]
+            model.prescribe(x.copy(), self._drive(control)[0])
+            moved = self._moved(control)[c.nodes]
             for k, cloth in enumerate(cloths):
-                _, force, _ = kernels.cruciforms(
-                    x[c.nodes], c.arm_length, c.area, cloth, FORCE,
-                    c.strain_source, c.turn_source, c.held,
-                )  # fmt: skip
-                result[i, k] = (force * moved).sum()
+                result[i, k] = (part(FORCE, cloth, x)[1] * moved).sum()
+            if self.kind == "picture-frame":  # its clamps turn the directions that they hold
+                for sign in (1, -1):
+                    model.prescribe(x.copy(), self._drive(control + sign * TURN)[0])
+                    for k, cloth in enumerate(cloths):
+                        result[i, k] += sign * part(ENERGY, cloth, x)[0].sum() / (2.0 * TURN)
+            result[i] = [self.experiment.load_of(work, control) for work in result[i]]
         return network.comm.bcast(network.comm.allreduce(result))
+
+    def _moved(self, control: float) -> np.ndarray:
+        """Change of all places per change of the control, yarn frame, (n, 2). Collective."""
+        model, rotation = self.model, self.network.preform.rotation
+        if self.kind == "picture-frame":  # uniform
+            ahead, behind = (
+                self.experiment.motion("lower", control + s * TURN)[0] for s in (1, -1)
+            )
+            return model.rest @ (rotation @ (ahead - behind) @ rotation.T).T / (2.0 * TURN)
+        pull = np.zeros_like(model.rest)
+        velocity = self.experiment._velocity(self._grips, control)
+        pull[model.nodes.of_network_node] = velocity @ rotation.T
+        return self._equilibrium.tangent_step(model.nodes.exchange.forward(pull))[0]
 
     def angles(self) -> np.ndarray:
         """Largest shear angle of a crossover in the states of the last `solve`, rad; (n,).
 
         Collective.
         """
-        own = np.zeros(len(self.extensions))
-        for i, (extension, x) in enumerate(zip(self.extensions, self._trial, strict=True)):
-            self.model.prescribe(x.copy(), self._drive(extension)[0])
+        own = np.zeros(len(self.controls))
+        for i, (control, x) in enumerate(zip(self.controls, self._trial, strict=True)):
+            self.model.prescribe(x.copy(), self._drive(control)[0])
             fields = self.model.crossover_fields(x)
             own[i] = np.abs(fields["shear_angle"][fields["carrying"]]).max(initial=0.0)
         return np.max(self.network.comm.allgather(own), axis=0)
@@ -303,6 +343,83 @@ def table_changes(angles: np.ndarray, values: np.ndarray) -> list[np.ndarray]:
         change[energies:] = ((up - down) / (2.0 * h))[energies:]
         changes.append(change)
     return changes
+
+
+@dataclass(frozen=True, eq=False)
+class Specimen:
+    """A network and what was measured of it, for calibrate_together.
+
+    Attributes
+    ----------
+    network : Network
+    curve : MeasuredCurve
+    kind, upper, bending
+        See calibrate.
+    weight : float
+        Of this curve's mean square relative error among those of the others.
+    """
+
+    network: Network
+    curve: MeasuredCurve
+    kind: str = "bias-extension"
+    upper: str = "grip"
+    bending: bool = True
+    weight: float = 1.0
+
+
+class _Together:
+    """Load curves of several specimens, one after the other. Collective; see LoadCurve."""
+
+    def __init__(self, specimens: Sequence[Specimen], options: dict | None):
+        self.parts: list[LoadCurve] = []
+        try:
+            for s in specimens:
+                self.parts.append(
+                    LoadCurve(
+                        s.network, s.curve.displacement, kind=s.kind, upper=s.upper,
+                        bending=s.bending, options=options,
+                    )
+                )  # fmt: skip
+        except CruciformError:
+            self.destroy()
+            raise
+        self.network = specimens[0].network
+
+    @property
+    def newton_steps(self) -> int:
+        """Of all together."""
+        return sum(part.newton_steps for part in self.parts)
+
+    def solve(self, law: Potential) -> np.ndarray:
+        """Loads, N."""
+        return np.concatenate([part.solve(law) for part in self.parts])
+
+    def solve_other(self, law: Potential, what: str) -> np.ndarray | None:
+        """Loads with another value of something assumed, N; None if one cannot have it."""
+        loads = [
+            part.solve_shifted(law) if what == PLACE else part.solve_doubled(law, what)
+            for part in self.parts
+        ]
+        found = [load for load in loads if load is not None]
+        return np.concatenate(found) if len(found) == len(loads) else None
+
+    def accept(self) -> None:
+        """Start from the states of the last `solve` from now on."""
+        for part in self.parts:
+            part.accept()
+
+    def derivatives(self, law: Potential, changes: Sequence[np.ndarray]) -> np.ndarray:
+        """Changes of all loads with changes of the law."""
+        return np.concatenate([part.derivatives(law, changes) for part in self.parts])
+
+    def angles(self) -> np.ndarray:
+        """Largest shear angle at each point, rad."""
+        return np.concatenate([part.angles() for part in self.parts])
+
+    def destroy(self) -> None:
+        """Free what PETSc holds."""
+        for part in self.parts:
+            part.destroy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,6 +499,13 @@ class Calibration:
     newton_steps: int
     seconds: float
     message: str
+    specimens: tuple[Specimen, ...] = ()
+
+    @property
+    def parts(self) -> list[slice]:
+        """Which points belong to which specimen's curve."""
+        ends = np.cumsum([len(s.curve.force) for s in self.specimens] or [len(self.loads)])
+        return [slice(int(low), int(high)) for low, high in pairwise([0, *ends])]
 
     @property
     def residuals(self) -> np.ndarray:
@@ -435,9 +559,9 @@ class Calibration:
         """Say in sentences what the data do not tell."""
         degrees = np.rad2deg
         texts = [
-            f"The specimen sheared by up to {degrees(self.reached[0]):.1f} deg at its first point "
-            f"and {degrees(self.reached[-1]):.1f} deg at its last: before, the law is a curve from "
-            "zero; past that it is extrapolated along its last slope."
+            f"The specimen sheared by up to {degrees(self.reached.min()):.1f} deg at its first "
+            f"point and {degrees(self.reached.max()):.1f} deg at its last: before, the law is a "
+            "curve from zero; past that it is extrapolated along its last slope."
         ]
         for low, high in self.uncertain_ranges()[:-1]:
             texts.append(
@@ -476,14 +600,16 @@ def calibrate(
     displacement: Any,
     force: Any = None,
     *,
+    kind: str = "bias-extension",
     upper: str = "grip",
     bending: bool = True,
     angles: Any = None,
     smoothing: float = SMOOTHING,
+    bounds: tuple[Potential | None, Potential | None] = (None, None),
     options: dict | None = None,
     told: Callable[[str], None] | None = None,
 ) -> Calibration:
-    """Identify the shear law of a network's fabric from a measured bias extension. Collective.
+    """Identify the shear law of a network's fabric from a measured load curve. Collective.
 
     All else is taken from the fabric as it is: tension, compression, yarn bending.
 
@@ -493,6 +619,9 @@ def calibrate(
         Of the specimen, any outline and size.
     displacement, force : sequence of float
         Measured [m, N]; or a MeasuredCurve instead of the two.
+    kind : "bias-extension" or "picture-frame"
+        The test; in a picture frame the displacement is the growth of the longer diagonal, and the
+        cloth fills the frame between its hinges.
     upper : "grip" or "centre-line"
         See BiasExtension; for "centre-line" the displacement is that of half a specimen.
     bending : bool
@@ -502,6 +631,8 @@ def calibrate(
     smoothing : float
         Weight of the law's second differences: a bend of the size of the law itself counts like
         this relative error of a load.
+    bounds : (Potential or None, Potential or None)
+        Laws that psi' of the table may not be below, or above.
     options : dict, optional
         PETSc options for the solver.
     told : callable, optional
@@ -513,42 +644,91 @@ def calibrate(
         On every rank: bad data; no equilibrium with the start, for instance because no network of
         this shape can be extended as far as the data go.
     """
-    begin = time.perf_counter()
-    told = told or _LOG.info
     if isinstance(displacement, MeasuredCurve):
         curve = displacement
     elif force is None:
         raise InputError("calibrate needs the forces beside the displacements")
     else:
         curve = MeasuredCurve.from_points(displacement, force)
+    return calibrate_together(
+        [Specimen(network, curve, kind, upper, bending)],
+        angles=angles, smoothing=smoothing, bounds=bounds, options=options, told=told,
+    )  # fmt: skip
+
+
+def calibrate_together(
+    specimens: Sequence[Specimen],
+    *,
+    angles: Any = None,
+    smoothing: float = SMOOTHING,
+    bounds: tuple[Potential | None, Potential | None] = (None, None),
+    options: dict | None = None,
+    told: Callable[[str], None] | None = None,
+) -> Calibration:
+    """Identify one shear law from measured curves of several specimens. Collective.
+
+    The mean over a curve's points is what its weight multiplies, so that a curve with many points
+    counts like one with few. The fabric is that of the first specimen.
+
+    Parameters
+    ----------
+    specimens : sequence of Specimen
+    angles, smoothing, bounds, options, told
+        See calibrate.
+
+    Raises
+    ------
+    InputError, SolverError
+        See calibrate.
+    """
+    begin = time.perf_counter()
+    told = told or _LOG.info
     if not (np.isfinite(smoothing) and smoothing > 0.0):
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
-    _check_reach(network, float(np.max(curve.displacement)), upper)
-    specimen = LoadCurve(network, curve.displacement, upper=upper, bending=bending, options=options)
+    if not specimens:
+        raise InputError("calibrate_together needs a specimen")
+    for s in specimens:
+        if not (np.isfinite(s.weight) and s.weight > 0.0):
+            raise InputError(f"the weight of a curve must be positive and finite, got {s.weight:g}")
+        _check_reach(s.network, float(np.max(s.curve.displacement)), s.kind, s.upper)
+    curve = specimens[0].curve
+    if len(specimens) > 1:
+        curve = MeasuredCurve(
+            np.concatenate([s.curve.displacement for s in specimens]),
+            np.concatenate([s.curve.force for s in specimens]),
+            sum(s.curve.rows for s in specimens),
+        )
+    together = _Together(specimens, options)
     try:
-        start_from, first = _start(specimen, curve, upper)
-        start_loads = specimen.solve(first)
-        specimen.accept()
+        # A frame gives the law point by point; from strips the first.
+        best = next((i for i, s in enumerate(specimens) if s.kind == "picture-frame"), 0)
+        start_from, first = _start(together.parts[best], specimens[best].curve)
+        start_loads = together.solve(first)
+        together.accept()
         told(f"start from the {start_from}, RMS {_percent(start_loads / curve.force - 1.0)}")
-        knots = _knots(angles, float(specimen.angles().max()))
-        problem = _Problem(specimen, curve, knots, first, smoothing)
+        knots = _knots(angles, float(together.angles().max()))
+        weights = [np.full(len(s.curve.force), s.weight / len(s.curve.force)) for s in specimens]
+        weight = np.concatenate(weights) / sum(s.weight for s in specimens)
+        problem = _Problem(together, curve, weight, knots, first, smoothing, bounds)
         iterations, message = problem.minimise(told)
-        return _finished(problem, first, start_from, start_loads, iterations, message, begin)
+        found = _finished(problem, first, start_from, start_loads, iterations, message, begin)
+        return replace(found, specimens=tuple(specimens))
     except EquilibriumError as error:
         raise InputError(
             "the network of the specimen has no equilibrium with the start for the law "
             f"({error}): check the specimen's size against the displacements, or leave out the last"
         ) from error
     finally:
-        specimen.destroy()
+        together.destroy()
 
 
 class _Problem:
     """The sum of squares, in rises of the table over their size in the start, ``z``."""
 
     def __init__(
-        self, specimen: LoadCurve, curve: MeasuredCurve, knots: np.ndarray, first: Potential,
-        smoothing: float,
+        self, specimen: _Together, curve: MeasuredCurve, weight: np.ndarray, knots: np.ndarray,
+        first: Potential, smoothing: float,
+        bounds: tuple[Potential | None, Potential | None] = (None, None),
     ):  # fmt: skip
         self.specimen, self.curve, self.knots, self.smoothing = specimen, curve, knots, smoothing
         values = np.maximum.accumulate(first.evaluate(knots)[1])
@@ -558,9 +738,18 @@ class _Problem:
         self.z, self.least = rises / scale, LEAST_SLOPE * even / scale
         self.values_of = np.tril(np.ones((len(knots), len(knots)))) * scale
         self.bends = _second_differences(np.log(knots))
-        self.data_weight = 1.0 / np.sqrt(len(curve.force))
+        self.data_weight = np.sqrt(weight)
         self.bend_weight = smoothing / np.sqrt(max(len(self.bends), 1))
         self.evaluations = 0
+        # Bounds of the law: rows @ z >= limits.
+        self.rows: np.ndarray = np.zeros((0, len(knots)))
+        self.limits: np.ndarray = np.zeros(0)
+        for law, sign in zip(bounds, (1.0, -1.0), strict=True):
+            if law is not None:
+                self.rows = np.concatenate([self.rows, sign * self.values_of])
+                self.limits = np.concatenate([self.limits, sign * law.evaluate(knots)[1]])
+        if len(self.limits):
+            self.z = self.z + self.best_step(self.values_of, np.zeros(len(knots)))
 
     @property
     def values(self) -> np.ndarray:
@@ -596,6 +785,10 @@ class _Problem:
 
         damped = np.concatenate([jacobian, np.sqrt(damping) * np.eye(len(self.z))])
         right = np.concatenate([-r, np.zeros(len(self.z))])
+        if len(self.limits):
+            rows = np.concatenate([self.rows, np.eye(len(self.z))])
+            room = np.concatenate([self.limits, self.least]) - rows @ self.z
+            return self.specimen.network.comm.bcast(_least_squares(damped, right, rows, room))
         # The bounds must lie on both sides of zero for SciPy.
         step = lsq_linear(damped, right, (self.least - self.z - 1e-12, np.inf)).x
         return self.specimen.network.comm.bcast(step)
@@ -603,7 +796,8 @@ class _Problem:
     def jacobian(self) -> np.ndarray:
         """Derivatives of the residuals by z. Collective."""
         return np.concatenate([
-            self.data_weight * self.data_jacobian(), self.bend_weight * self.bend_jacobian()
+            self.data_weight[:, None] * self.data_jacobian(),
+            self.bend_weight * self.bend_jacobian()
         ]) @ self.values_of  # fmt: skip
 
     def minimise(self, told: Callable[[str], None]) -> tuple[int, str]:
@@ -645,14 +839,16 @@ def _finished(
     loads = specimen.solve(law)
     specimen.accept()
     # Relative in the values, too, so that singular values are plain numbers.
-    data = problem.data_jacobian() * values
+    # Points of a curve with twice the weight count as if they scattered by 1/sqrt(2).
+    even = np.sqrt(len(loads)) * problem.data_weight
+    data = even[:, None] * problem.data_jacobian() * values
     bends = problem.bend_jacobian() * values
     n, m = data.shape
     weight = problem.smoothing * np.sqrt(n / max(len(bends), 1))
     normal = data.T @ data + weight**2 * bends.T @ bends
     inverse = np.linalg.pinv(normal, hermitian=True)
     settled = float(np.trace(inverse @ data.T @ data))
-    misfit = float(np.sum((loads / curve.force - 1.0) ** 2))
+    misfit = float(np.sum((even * (loads / curve.force - 1.0)) ** 2))
     noise = max(np.sqrt(misfit / max(n - settled, 1.0)), LEAST_NOISE)
     relative = noise * np.sqrt(np.maximum(np.diag(inverse), 0.0))
     reached = specimen.angles()
@@ -665,7 +861,7 @@ def _finished(
         problem.bend_weight * problem.bends @ np.log(values),
     ])  # fmt: skip
     for what in (*ASSUMED, PLACE):
-        other = specimen.solve_shifted(law) if what == PLACE else specimen.solve_doubled(law, what)
+        other = specimen.solve_other(law, what)
         if other is not None:
             shifted = r.copy()
             shifted[:n] += problem.data_weight * (other - loads) / curve.force
@@ -686,12 +882,15 @@ def _finished(
     )  # fmt: skip
 
 
-def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, Potential]:
+def _start(specimen: LoadCurve, curve: MeasuredCurve) -> tuple[str, Potential]:
     """Law to start from: of the closed formula, or else a straight line. Collective."""
+    if specimen.kind == "picture-frame":
+        sides = _frame(specimen.network)
+        return "closed formula", _rising(*torque_from_frame(curve.displacement, curve.force, sides))
     size = _strip(specimen.network)
     if size is not None:
         width, length = size
-        factor = 2.0 if upper == "centre-line" else 1.0
+        factor = 2.0 if specimen.upper == "centre-line" else 1.0
         length = factor * length
         if length >= 2.0 * width * (1.0 - 1e-6):
             angle, torque = torque_from_loads(
@@ -699,16 +898,35 @@ def _start(specimen: LoadCurve, curve: MeasuredCurve, upper: str) -> tuple[str, 
             )
             if len(angle) >= 2 and (torque > 0.0).any():
                 # Past some 35 degrees the formula errs, mostly downwards; the law may not fall.
-                torque = np.maximum.accumulate(np.maximum(torque, 0.0))
-                rise = LEAST_SLOPE * torque[-1] * angle / angle[-1]
-                return "closed formula", _table(angle, torque + rise)
+                return "closed formula", _rising(angle, torque)
     modulus = specimen.network.fabric.shear_modulus
     ratio = specimen.solve(linear(modulus)) / curve.force
     return "straight line", linear(modulus * float(ratio.sum() / (ratio**2).sum()))
 
 
-def _check_reach(network: Network, displacement: float, upper: str) -> None:
-    """Refuse data far past what a strip can be extended by before its yarns lie along the pull."""
+def _rising(angle: np.ndarray, torque: np.ndarray) -> Potential:
+    """Table through points of a formula, made to rise."""
+    torque = np.maximum.accumulate(np.maximum(torque, 0.0))
+    return _table(angle, torque + LEAST_SLOPE * torque[-1] * angle / angle[-1])
+
+
+def _check_reach(network: Network, displacement: float, kind: str, upper: str) -> None:
+    """Refuse a kind that is none, and data past what the specimen can do.
+
+    Far past where the yarns of a strip lie along the pull, or where a frame is all but closed.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind is '{kind}'; it can be '{KINDS[0]}' or '{KINDS[1]}'")
+    if kind == "picture-frame":
+        sides = _frame(network)
+        if not frame_angle(displacement, sides) < LARGEST_FRAME_ANGLE:
+            raise InputError(
+                f"the data go to {format_si(displacement, 'm')}, but a frame of "
+                f"{format_si(sides[0], 'm')} x {format_si(sides[1], 'm')} is closed at "
+                f"{format_si(sum(sides) - float(np.hypot(*sides)), 'm')}: check the frame's size, "
+                "the unit of the displacement and that it is that of the corner along the diagonal"
+            )
+        return
     size = _strip(network)
     if size is None:
         return
@@ -724,14 +942,26 @@ def _check_reach(network: Network, displacement: float, upper: str) -> None:
 
 def _strip(network: Network) -> tuple[float, float] | None:
     """Width and length of a rectangle cut at 45 degrees, or None for anything else."""
-    preform = network.preform
-    low_x, low_y, high_x, high_y = preform.outline.bounds
-    full = (high_x - low_x) * (high_y - low_y)
-    if abs(preform.outline.area / full - 1.0) > 1e-6:
+    size = _rectangle(network)
+    if size is None or abs(np.cos(2.0 * network.preform.bias_angle)) > 0.05:
         return None
-    if abs(np.cos(2.0 * preform.bias_angle)) > 0.05:
-        return None
-    return high_x - low_x, high_y - low_y
+    return size
+
+
+def _frame(network: Network) -> tuple[float, float]:
+    """Sides of a picture frame, m."""
+    size = _rectangle(network)
+    if size is None:
+        raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
+    return size
+
+
+def _rectangle(network: Network) -> tuple[float, float] | None:
+    """Width and length of a rectangle, or None for anything else."""
+    outline = network.preform.outline
+    low_x, low_y, high_x, high_y = outline.bounds
+    width, length = high_x - low_x, high_y - low_y
+    return (width, length) if abs(outline.area / (width * length) - 1.0) <= 1e-6 else None
 
 
 def _knots(angles: Any, reached: float) -> np.ndarray:
@@ -749,6 +979,30 @@ def _knots(angles: Any, reached: float) -> np.ndarray:
             "angles must be two or more, ascending from above zero to less than 90 degrees"
         )
     return knots
+
+
+def _least_squares(
+    matrix: np.ndarray, right: np.ndarray, rows: np.ndarray, limits: np.ndarray
+) -> np.ndarray:
+    """Find x with least |matrix x - right| and rows x >= limits; matrix has full column rank.
+
+    Lawson & Hanson 1974, Solving Least Squares Problems, chapter 23: least distance by NNLS.
+    """
+    from scipy.linalg import solve_triangular
+    from scipy.optimize import nnls
+
+    q, r = np.linalg.qr(matrix)
+    along = solve_triangular(r, rows.T, trans="T").T
+    free = solve_triangular(r, q.T @ right)
+    size = np.linalg.norm(along, axis=1)
+    along, needed = along / size[:, None], (limits - rows @ free) / size
+    unit = max(float(np.abs(needed).max()), 1e-300)
+    system = np.vstack([along.T, needed / unit])
+    target = np.append(np.zeros(along.shape[1]), 1.0)
+    rest = system @ nnls(system, target)[0] - target
+    if -rest[-1] < 1e-9:
+        raise InputError("no rising law lies within the bounds: the lower must be below the upper")
+    return free + solve_triangular(r, -unit * rest[:-1] / rest[-1])
 
 
 def _second_differences(x: np.ndarray) -> np.ndarray:

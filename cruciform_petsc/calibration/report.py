@@ -12,6 +12,7 @@ from ..case import on_root
 from ..output.pictures import COLOURS, DASHES, STYLE
 from ..output.tables import write_csv, write_json, written_whole
 from .identify import LARGEST_ERROR, PLACE, Calibration
+from .predict import Prediction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +40,8 @@ def law_file(calibration: Calibration) -> str:
     """The text of law.toml."""
     d = calibration.curve.displacement
     remarks = [
-        f"Identified from {len(d)} loads between {1e3 * d[0]:.4g} and {1e3 * d[-1]:.4g} mm, RMS of "
-        f"the relative error {100 * calibration.rms:.2f} %.",
+        f"Identified from {len(d)} loads between {1e3 * d.min():.4g} and {1e3 * d.max():.4g} mm, "
+        f"RMS of the relative error {100 * calibration.rms:.2f} %.",
         *calibration.remarks(),
     ]
     comments = [f"# {text}" for remark in remarks for text in _wrapped(remark)]
@@ -61,6 +62,15 @@ def summary(calibration: Calibration) -> dict[str, Any]:
         "start_n": c.start_loads,
         "load_n": c.loads,
         "start_from": c.start_from,
+        "curves": [
+            {
+                "kind": s.kind,
+                "weight": s.weight,
+                "points": len(s.curve.force),
+                "rms_relative_error": float(np.sqrt(np.mean(c.residuals[part] ** 2))),
+            }
+            for s, part in zip(c.specimens, c.parts, strict=False)
+        ],
         "parameters": [
             {
                 "angle_deg": float(np.rad2deg(angle)),
@@ -124,9 +134,12 @@ def write(
         The summary.
     """
     c = calibration
+    number = np.concatenate([
+        np.full(part.stop - part.start, i + 1) for i, part in enumerate(c.parts)
+    ])  # fmt: skip
     write_csv(
         comm, directory / "calibration.csv",
-        {
+        ({"curve": number} if len(c.parts) > 1 else {}) | {
             "displacement_mm": 1e3 * c.curve.displacement,
             "measured_N": c.curve.force,
             "start_N": c.start_loads,
@@ -146,6 +159,39 @@ def write(
     if picture:
         draw(comm, directory / "calibration.png", c, str(more.get("title", "")))
     return told
+
+
+def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
+    """Plain numbers of a prediction for summary.json."""
+    p = prediction
+    return {
+        "rms_relative_error": p.rms,
+        "largest_relative_error": float(np.abs(p.residuals).max()),
+        "mean_relative_error": float(p.residuals.mean()),
+        "points": len(p.loads),
+        "points_extrapolated": int(p.extrapolated.sum()),
+        "rms_relative_error_not_extrapolated": None if np.isnan(p.rms_known) else p.rms_known,
+        "law_known_to_deg": float(np.rad2deg(p.known_to)),
+        "displacement_m": p.curve.displacement,
+        "measured_n": p.curve.force,
+        "load_n": p.loads,
+        "shear_reached_deg": np.rad2deg(p.angles),
+    }
+
+
+def write_hold_out(comm: MPI.Intracomm, directory: Path, prediction: Prediction) -> None:
+    """Write hold_out.csv: measured and predicted curve of the other specimen. Collective."""
+    p = prediction
+    write_csv(
+        comm, directory / "hold_out.csv",
+        {
+            "displacement_mm": 1e3 * p.curve.displacement,
+            "measured_N": p.curve.force,
+            "predicted_N": p.loads,
+            "relative_residual": p.residuals,
+            "shear_max_deg": np.rad2deg(p.angles),
+        },
+    )  # fmt: skip
 
 
 def draw(comm: MPI.Intracomm, path: str | Path, calibration: Calibration, title: str = "") -> None:
@@ -180,21 +226,25 @@ def _figure(c: Calibration, title: str) -> Figure:
 
 def _draw_curves(curves: Axes, residual: Axes, c: Calibration) -> None:
     d = 1e3 * c.curve.displacement
-    through = np.append(0.0, d)
-    curves.plot(
-        through, np.append(0.0, c.start_loads), color="0.55", linestyle=(0, (5, 2)), linewidth=1.2,
-        label=f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)",
-    )  # fmt: skip
-    curves.plot(
-        through, np.append(0.0, c.loads), color=COLOURS[0],
-        label=f"network with the identified law ({100 * c.rms:.1f} %)",
-    )  # fmt: skip
     many = len(d) < c.curve.rows
-    curves.plot(
-        d, c.curve.force, "o", color=COLOURS[1], markersize=4.2, markerfacecolor="white",
-        label=f"measured (averages of {c.curve.rows} rows)" if many else "measured", zorder=5,
-    )  # fmt: skip
-    curves.set(ylabel="load (N)", xlim=(0.0, 1.03 * d[-1]), ylim=(0.0, None))
+    labels = (
+        f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)",
+        f"network with the identified law ({100 * c.rms:.1f} %)",
+        f"measured (averages of {c.curve.rows} rows)" if many else "measured",
+    )
+    for part in c.parts:
+        through = np.append(0.0, d[part])
+        curves.plot(
+            through, np.append(0.0, c.start_loads[part]), color="0.55", linestyle=(0, (5, 2)),
+            linewidth=1.2, label=labels[0],
+        )  # fmt: skip
+        curves.plot(through, np.append(0.0, c.loads[part]), color=COLOURS[0], label=labels[1])
+        curves.plot(
+            d[part], c.curve.force[part], "o", color=COLOURS[1], markersize=4.2,
+            markerfacecolor="white", label=labels[2], zorder=5,
+        )  # fmt: skip
+        labels = ("_", "_", "_")
+    curves.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
     curves.tick_params(labelbottom=False)
     curves.legend(frameon=False, loc="upper left")
     curves.set_title("Load curve", loc="left")
