@@ -283,7 +283,9 @@ class FabricTable(_Table):
         examples=["576 g/m^2"],
     )
     thickness: Annotated[str, _quantity("m")] | None = Field(
-        default=None, description="Of the cloth at rest. For exports and scene.png.", examples=["0.5 mm"]
+        default=None,
+        description="Of the cloth at rest. For exports and scene.png.",
+        examples=["0.5 mm"],
     )
     fibre_density: Annotated[str, _quantity("kg/m**3")] | None = Field(
         default=None,
