@@ -283,7 +283,9 @@ class FabricTable(_Table):
         examples=["576 g/m^2"],
     )
     thickness: Annotated[str, _quantity("m")] | None = Field(
-        default=None, description="Of the cloth at rest. For exports.", examples=["0.5 mm"]
+        default=None,
+        description="Of the cloth at rest. For exports and scene.png.",
+        examples=["0.5 mm"],
     )
     fibre_density: Annotated[str, _quantity("kg/m**3")] | None = Field(
         default=None,
@@ -631,6 +633,9 @@ class OutputTable(_Table):
         default="results", description="Folder of the results, made if it is not there."
     )
     pictures: bool = Field(default=True, description="Figures of the result.")
+    scene: bool = Field(
+        default=False, description="scene.png, the woven yarns in space, drawn with PyVista."
+    )
     paraview: bool = Field(default=True, description="network.vtkhdf for ParaView.")
     exports: bool = Field(
         default=False,

@@ -97,7 +97,7 @@ class Fabric:
     areal_density : float, optional
         Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md).
     thickness : float, optional
-        Of the cloth at rest [m]; for exports.
+        Of the cloth at rest [m]; for exports and pictures in space.
     fibre_density : float, optional
         Mass per volume of what the yarns consist of [kg/m^3]; for exports.
 

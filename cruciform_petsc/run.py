@@ -271,6 +271,14 @@ def run_case(
     if case.output.pictures:
         with stages.stage("pictures", "pictures drawn"):
             drawn = figures.draw_all(directory, result, without, membranes, summary, measured)
+    if case.output.scene:
+        with stages.stage("scene", "yarns drawn in space"):
+            title = figures.plain_text(case.title)
+            try:
+                figures.draw_scene(directory / "scene.png", result, title)
+                drawn.append("scene.png")
+            except InputError as error:  # the results are worth more than this picture of them
+                log.warning("no scene.png: %s", error)
     summary["wall_s"] = {**stages.seconds, "total": stages.total()}
     summary["peak_mib_per_rank"] = peak_mib(comm)
     tables.write_json(comm, directory / "summary.json", summary)

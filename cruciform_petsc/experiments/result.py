@@ -333,6 +333,12 @@ class TestResult:
 
         draw_yarns(path, self)
 
+    def scene(self, path: str | Path) -> None:
+        """Draw the woven yarns in space, coloured by shear angle, as a PNG. Collective."""
+        from ..output.figures import draw_scene
+
+        draw_scene(path, self)
+
     def export(
         self, folder: str | Path, index: int = -1, hold: str = "fibre volume fraction"
     ) -> list[Path]:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assembly import MODES
-from . import pictures
+from . import pictures, scene
 from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
     from ..calibration.curve import MeasuredCurve
     from ..experiments.base import Experiment
     from ..experiments.result import State, TestResult
+    from ..network import Network
 
 # What a unit in a column's name looks like in a log.
 UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
@@ -147,6 +148,26 @@ def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
         sample = sample_yarns(result.network, state.node_displacement, state.fields)
         panels.append((name + load, sample, _clamps(result, state)))
     pictures.stages(result.network.comm, path, panels, title)
+
+
+def draw_scene(path: str | Path, result: TestResult, title: str = "") -> None:
+    """Draw the yarns of the last state in space, woven. Collective."""
+    network = result.network
+    scene.woven(
+        network.comm,
+        path,
+        _yarns(result),
+        to_lattice(network),
+        network.fabric.thickness,
+        title,
+        clamps=_clamps(result, result.states[-1]),
+    )
+
+
+def to_lattice(network: Network) -> np.ndarray:
+    """Return what takes a point at rest, (x, y, 1) in metres, to its place (i, j); (2, 3)."""
+    turned = network.preform.rotation / network.pitch[:, None]
+    return np.column_stack([turned, -turned @ network.preform.lattice_origin])
 
 
 def _yarns(result: TestResult) -> YarnSample | None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 CAPTIONS = {
     "yarns.png": "Yarns before and after the test, coloured by shear angle.",
+    "scene.png": "The yarns in space at the last value, woven, coloured by shear angle.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
     "shear_map.png": "Shear angle at the last value, drawn on the undeformed specimen.",
     "tension_map.png": "Tension of the yarns at the last value, drawn on the undeformed specimen.",
@@ -41,6 +42,7 @@ CAPTIONS = {
     "load_against_crosshead.png": "Load against the displacement of the crosshead.",
 }
 MAPS = (
+    "scene.png",
     "stages.png",
     "yarns.png",
     "shear_map.png",
@@ -81,6 +83,7 @@ STAGES = {
     "continuum": "membrane solved and compared",
     "ladder": "finer networks compared with the membrane",
     "pictures": "pictures drawn",
+    "scene": "yarns drawn in space",
     "total": "in all",
 }
 
