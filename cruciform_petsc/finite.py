@@ -560,32 +560,56 @@ class FiniteNetwork:
         value, place = max(self.comm.allgather((value, place)))
         return np.array(place) if value > limit else None
 
-    def crossover_fields(self, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields at this rank's crossovers; the same as LinearNetwork.crossover_fields. Collective.
+    def _arms(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch and rotation from rest (radians) of the arms of this rank's cruciforms, (m, 4).
 
-        Strains are engineering strains of the arms, rotations those of the arms from rest, tensions
-        first Piola-Kirchhoff, N per metre of cloth at rest.
+        What has no arm of its own there takes its yarn's other one, or the clamp's.
         """
-        network, fabric, c = self.network, self.network.fabric, self.cruciforms
-        n, m = network.num_crossovers_owned, len(c.rows)
+        c = self.cruciforms
         place = x[c.nodes]
         arms = place[:, :4] - place[:, 4:]
         size = np.hypot(arms[..., 0], arms[..., 1])
         present = c.arm_length > 0
         stretch = np.where(present, size / np.where(present, c.arm_length, 1.0), 1.0)
         t = np.where(present[..., None], arms / np.where(present, size, 1.0)[..., None], 0.0)
-        at = np.arange(m)[:, None]
+        at = np.arange(len(c.rows))[:, None]
         source = np.maximum(c.strain_source, 0)
         stretch = np.where(c.strain_source == HELD, 1.0, stretch[at, source])
         source = np.maximum(c.turn_source, 0)
         reverse = np.where(source == np.arange(4), 1.0, -1.0)[..., None]
         t = np.where((c.turn_source == HELD)[..., None], c.held, reverse * t[at, source])
-        t0 = network.arm_directions
+        t0 = self.network.arm_directions
         rotation = np.arctan2(
             t0[:, 0] * t[..., 1] - t0[:, 1] * t[..., 0], np.einsum("mki,ki->mk", t, t0)
         )
+        return stretch, rotation
+
+    def _shares(self) -> np.ndarray:
+        """Share of each quadrant in its cruciform's area, (m, 4)."""
+        area = self.cruciforms.area
+        return area / np.maximum(area.sum(axis=1, keepdims=True), 1e-300)
+
+    def _shear_angles(self, rotation: np.ndarray) -> np.ndarray:
+        """Mean shear angle of each cruciform (m,) from its arms' rotations (m, 4), radians."""
         gamma = rotation[:, QUADRANTS[:, 0]] - rotation[:, QUADRANTS[:, 1]]
-        shares = c.area / np.maximum(c.area.sum(axis=1, keepdims=True), 1e-300)
+        return np.einsum("mq,mq->m", self._shares(), gamma)
+
+    def shear_angle_max(self, x: np.ndarray) -> float:
+        """Largest shear angle of a crossover, radians. Collective."""
+        angles = np.abs(self._shear_angles(self._arms(x)[1]))
+        carrying = self.supports.carrying[self.cruciforms.rows]
+        return max(self.comm.allgather(float(angles[carrying].max(initial=0.0))))
+
+    def crossover_fields(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields at this rank's crossovers; the same as LinearNetwork.crossover_fields. Collective.
+
+        Strains are engineering strains of the arms, rotations those of the arms from rest, tensions
+        first Piola-Kirchhoff, N per metre of cloth at rest.
+        """
+        fabric, c = self.network.fabric, self.cruciforms
+        n = self.network.num_crossovers_owned
+        stretch, rotation = self._arms(x)
+        shares = self._shares()
         warp = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 0]])
         weft = np.einsum("mq,mq->m", shares, (stretch - 1.0)[:, QUADRANTS[:, 1]])
         e, e1, _ = fabric.effective_strain(1.0 + np.stack([warp, weft]))
@@ -619,7 +643,7 @@ class FiniteNetwork:
             "weft_strain": spread(weft),
             "warp_tension": spread(tension[0]),
             "weft_tension": spread(tension[1]),
-            "shear_angle": spread(np.einsum("mq,mq->m", shares, gamma)),
+            "shear_angle": spread(self._shear_angles(rotation)),
             **{f"{mode}_energy": value for mode, value in energy.items()},
             "carrying": self.supports.carrying.copy(),
         }

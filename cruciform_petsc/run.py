@@ -333,18 +333,15 @@ class Progress:
 
     def _text(self) -> str:
         """What stands before the bar."""
-        experiment, last = self.experiment, self.increments[-1]
-        values = experiment.values
-        largest = float(values[np.abs(values).argmax()])
-        if experiment.by_load:
-            now, most = (format_si(float(f"{at:.4g}"), "N") for at in (last.load, largest))
-            now = f"load {now}"
+        last = self.increments[-1]
+        if self.experiment.by_load:
+            now = format_si(float(f"{last.load:.4g}"), "N")
         else:
-            now, most = (control_text(experiment, at) for at in (last.control, largest))
-        number, unit = most.split()[-2:]
-        now = now.removesuffix(f" {unit}")
-        steps = f"{last.iterations} Newton step{'s' if last.iterations != 1 else ''}"
-        return f"increment {len(self.increments)}, {now} of {number} {unit}, {steps}"
+            now = " ".join(control_text(self.experiment, last.control).split()[-2:])
+        return (
+            f"increment {len(self.increments)}, {now}, {np.rad2deg(last.shear_max):.1f} deg of "
+            f"shear, {last.iterations} Newton step{'s' if last.iterations != 1 else ''}"
+        )
 
     def go_on_from(self, increments: list[Increment]) -> None:
         """Take note of the increments of a former run. Collective."""
@@ -361,10 +358,11 @@ class Progress:
             self._tell_bar(self._done(), self._text())
         mended = f", {increment.shifted} of them mended" if increment.shifted else ""
         self.log.info(
-            "%8.2f s    %-22s%s %2d Newton iterations%s",
+            "%8.2f s    %-22s%s shear %4.1f deg, %2d Newton iterations%s",
             increment.seconds,
             control_text(self.experiment, increment.control),
-            "" if self.experiment.control == "load" else f" load {increment.load:<10.5g} N",
+            "" if self.experiment.control == "load" else f" load {increment.load:<8.5g} N,",
+            np.rad2deg(increment.shear_max),
             increment.iterations,
             mended,
         )
@@ -387,6 +385,7 @@ def increments_table(
         name: np.array([increment.control for increment in increments]) / size
     }
     columns["load_N"] = [increment.load for increment in increments]
+    columns["shear_max_deg"] = np.rad2deg([increment.shear_max for increment in increments])
     for i, mode in enumerate(MODES):
         columns[f"energy_{mode}_J"] = [increment.energies[i] for increment in increments]
     columns |= {

@@ -165,9 +165,9 @@ class Killer:
         for line in process.stdout:
             if "Newton" in line and not self.start:
                 self.start = time.monotonic() - begin
-        code = process.wait()
-        self.work = time.monotonic() - begin - self.start
-        return code
+            elif line.startswith("results in"):
+                self.work = time.monotonic() - begin - self.start
+        return process.wait()
 
     def reached(self) -> int:
         """Accepted increments that the table of increments on the disk tells of."""
@@ -178,7 +178,7 @@ class Killer:
 def main() -> int:
     """Run the kills and tell the counts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--kills", type=int, default=200, help="that something is left to do after")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     chance = random.Random(arguments.seed)
@@ -195,7 +195,7 @@ def main() -> int:
         print(f"left alone: {killer.start:.1f} s to the first of {killer.reached()} increments, "
               f"{killer.work:.1f} s from there", flush=True)  # fmt: skip
         number = 0
-        while counts["killed"] < arguments.kills:
+        while counts["resumed on 1"] + counts["resumed on 2"] + lost < arguments.kills:
             number += 1
             shutil.rmtree(killer.results, ignore_errors=True)
             what = killer.kill(2, *run)

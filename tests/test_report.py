@@ -391,12 +391,12 @@ def test_bar_on_a_terminal_only(monkeypatch):
             assert (tell is not None) == shown
             log.info("a line")
             if tell is not None:
-                tell(6.0, "increment 3, extension 6 mm of 10 mm, 4 Newton iterations")
+                tell(6.0, "increment 3, 6 mm, 10.0 deg of shear, 4 Newton steps")
         assert handler.stream is stream
         assert sys.stdout is stream
         written = stream.getvalue()
         assert ("a line" in written) == (level == logging.INFO)
-        assert ("increment 3, extension 6 mm" in written) == shown
+        assert ("increment 3, 6 mm" in written) == shown
         assert ("60 %" in written and "left" in written) == shown
 
 

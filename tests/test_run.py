@@ -4,6 +4,8 @@
 import csv
 import json
 import logging
+import re
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -142,7 +144,36 @@ def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
     lines = [r.getMessage() for r in caplog.records if "Newton iterations" in r.getMessage()]
     assert len(lines) == 6 + 1
     assert "extension 0.5 mm" in lines[0]
-    assert f"load {steps['load_N'][0]:.5g}" in " ".join(lines[0].split())
+    said = " ".join(lines[0].split())
+    assert f"load {steps['load_N'][0]:.5g}" in said.replace(" ,", ",")
+    assert f"shear {steps['shear_max_deg'][0]:.1f} deg" in said
+    curve = table(tmp_path / "curve.csv")
+    asked = steps["asked"] == 1
+    assert steps["shear_max_deg"][asked] == pytest.approx(curve["shear_max_deg"], rel=1e-12)
+
+
+def test_what_the_bar_tells(tmp_path, monkeypatch):
+    """Increment, control, shear angle and Newton steps; by load the load."""
+    told: list[tuple[float, str]] = []
+
+    @contextmanager
+    def bar(log, length, begin=0.0):
+        yield lambda done, text: told.append((done / length, text))
+
+    monkeypatch.setattr("cruciform_petsc.run.progress_bar", bar)
+    run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="3 mm", increments=2))
+    run(MPI.COMM_SELF, tmp_path, case(finite=True, load=["0.2 N", "0.4 N"]))
+    assert [share for share, _ in told] == pytest.approx([0.5, 1.0, 0.5, 1.0])
+    shear = []
+    for (_, text), begin in zip(
+        told,
+        ("increment 1, 1.5 mm", "increment 2, 3 mm", "increment 1, 0.2 N", "increment 2, 0.4 N"),
+        strict=True,
+    ):
+        found = re.fullmatch(rf"{begin}, (\d+\.\d) deg of shear, \d+ Newton steps", text)
+        shear.append(float(found[1]))
+    assert shear[1] > 1.5 * shear[0] > 0.0
+    assert shear[3] > 1.5 * shear[2] > 0.0
 
 
 # -- tests that end early --------------------------------------------------------------------------

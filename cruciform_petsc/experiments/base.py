@@ -296,6 +296,7 @@ class Experiment:
         def accepted(increment: Increment, x: np.ndarray) -> None:
             state = self._state(model, equilibrium, grips, increment.control)
             increment.load = state.load
+            increment.shear_max = model.shear_angle_max(x)
             done.append(increment)
             last[:] = [state]
             if increment.asked:

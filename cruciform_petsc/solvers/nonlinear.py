@@ -67,6 +67,8 @@ class Increment:
     seconds : float
     load : float
         Of the test, N, once it has been measured.
+    shear_max : float
+        Largest shear angle of a crossover, radians, once it has been measured.
     asked : bool
         Whether the control is one that was asked for, rather than a step on the way.
     cuts : int
@@ -83,6 +85,7 @@ class Increment:
     linear_iterations: int = 0
     seconds: float = 0.0
     load: float = float("nan")
+    shear_max: float = float("nan")
     asked: bool = False
     cuts: int = 0
 
