@@ -368,9 +368,7 @@ class FiniteNetwork:
             total[2 * kind : 2 * kind + 2 - kind] += energy.sum(axis=0)
             _add_forces(force, self._connectivity[kind][part], forces)
         force = self.nodes.exchange.forward(self.nodes.exchange.reverse(force))
-        force[self._turned] = np.einsum(
-            "nij,nj->ni", self.frame[self._turned], force[self._turned]
-        )
+        force[self._turned] = np.einsum("nij,nj->ni", self.frame[self._turned], force[self._turned])
         return force, self.comm.allreduce(total)
 
     @property

@@ -168,8 +168,10 @@ class Network:
         length, shared = self._cut_arms(edge)
         self.arm_length[is_near] = length * np.tile(self.pitch, 2)
         self.arm_is_shared[is_near] = shared
-        rings = [self._to_lattice(np.asarray(r.coords)[:, :2])
-                 for r in (outline_xy.exterior, *outline_xy.interiors)]
+        rings = [
+            self._to_lattice(np.asarray(r.coords)[:, :2])
+            for r in (outline_xy.exterior, *outline_xy.interiors)
+        ]
         outline = shapely.Polygon(snapped(rings[0]), [snapped(r) for r in rings[1:]])
         self.quadrant_area[is_near] = (
             quadrant_areas(edge, self.has_crossover, outline) * self.pitch.prod()
@@ -354,8 +356,10 @@ class Partition:
         keep = (yarns.line >= low[1]) & (yarns.line < high[1]) & (end > begin)
         begin, end, line = begin[keep], end[keep], yarns.line[keep] - low[1]
         counts = [
-            np.cumsum(np.bincount(begin - low[0], minlength=high[0] - low[0] + 1)
-                      - np.bincount(end - low[0], minlength=high[0] - low[0] + 1))[:-1],
+            np.cumsum(
+                np.bincount(begin - low[0], minlength=high[0] - low[0] + 1)
+                - np.bincount(end - low[0], minlength=high[0] - low[0] + 1)
+            )[:-1],
             np.bincount(line, weights=end - begin, minlength=high[1] - low[1]),
         ]
         choices = []

@@ -165,9 +165,7 @@ def main():
         "L of 2.4 cm x 3.6 cm, 45 deg": (box.difference(corner), 45),
     }
     for title, (outline, angle) in others.items():
-        membrane_ladder(
-            f"Against the membrane: {title}", outline, radians(angle), (4, 8, 16, 24)
-        )
+        membrane_ladder(f"Against the membrane: {title}", outline, radians(angle), (4, 8, 16, 24))
     kilby()
     inextensible()
     if arguments.large:

@@ -41,9 +41,7 @@ def between(weft: float, warp: float, across: float, along: float) -> list:
 @pytest.mark.parametrize("hold", ["fibre volume fraction", "thickness"])
 def test_affine_motion(tmp_path, hold):
     """With x = F X everything is known: area ratio det F, directions F e/|F e|, everywhere."""
-    preform = Preform.polygon(
-        list(l_shape(0.06, 0.0).outline.exterior.coords)[:-1], [], "30 deg"
-    )
+    preform = Preform.polygon(list(l_shape(0.06, 0.0).outline.exterior.coords)[:-1], [], "30 deg")
     network = Network(COMM, preform, HEAVY_UNEVEN)
     result = moved(network, GRADIENT)
     table, deck = (

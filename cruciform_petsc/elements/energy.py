@@ -530,10 +530,7 @@ def _turns_in_space(x, chord, length, in_plane, out_of_plane, level, energy, for
                 ) / (q * m)
                 # t = 8 size/q - 4, so (t + 4) q = 8 size; size has q's second derivatives
                 t2[i, j] = (
-                    8.0 * q2[i, j]
-                    - t1[i] * q1[j]
-                    - t1[j] * q1[i]
-                    - (whole + 4.0) * q2[i, j]
+                    8.0 * q2[i, j] - t1[i] * q1[j] - t1[j] * q1[i] - (whole + 4.0) * q2[i, j]
                 ) / q
                 h[i, j] = (inner - outer) * (b1[i] * b1[j] + beta * bb) + 0.5 * outer * t2[i, j]
         for p in range(3):

@@ -51,9 +51,7 @@ class OffAxisTension(BiasExtension):
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""
         if self.ends == "grip":
             return super().grip(constraints)
-        grips = [
-            Grip(edge, constraints.guide(edge, PULL, 0.0)) for edge in ("lower", "upper")
-        ]
+        grips = [Grip(edge, constraints.guide(edge, PULL, 0.0)) for edge in ("lower", "upper")]
         # One yarn end in the middle of the lower edge keeps the strip from sliding off sideways.
         network = self.network
         nodes = grips[0].nodes

@@ -55,9 +55,7 @@ def unknowns_of(model: FiniteNetwork) -> Unknowns:
         np.repeat(point, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
-        YarnLines(
-            np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)
-        ),
+        YarnLines(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
     )
 
 

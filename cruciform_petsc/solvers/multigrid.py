@@ -567,9 +567,7 @@ def _merge_rows(pointer, column, value, extra_pointer, extra_column, extra_value
     for r in range(n):
         a, b = pointer[r], extra_pointer[r]
         while a < pointer[r + 1] or b < extra_pointer[r + 1]:
-            own = b == extra_pointer[r + 1] or (
-                a < pointer[r + 1] and column[a] <= extra_column[b]
-            )
+            own = b == extra_pointer[r + 1] or (a < pointer[r + 1] and column[a] <= extra_column[b])
             c, v = (column[a], value[a]) if own else (extra_column[b], extra_value[b])
             if own:
                 a += 1
