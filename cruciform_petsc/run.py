@@ -10,12 +10,10 @@ import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import petsc4py
 from mpi4py import MPI
 
 from . import __version__
@@ -38,6 +36,7 @@ from .output import figures, paraview, tables
 from .output.figures import control_text
 from .output.progress import Route, progress_bar
 from .output.report import write_report
+from .provenance import file_notes, provenance, versions
 from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
@@ -184,7 +183,7 @@ def run_case(
     log.info(
         "           cruciform_petsc %s, PETSc %s, %d rank%s",
         __version__,
-        ".".join(map(str, _petsc_version())),
+        versions()["petsc"],
         comm.size,
         "s" if comm.size > 1 else "",
     )
@@ -518,38 +517,6 @@ def _log_solver(log: logging.Logger, result: TestResult) -> None:
     )
 
 
-def _petsc_version() -> tuple[int, ...]:
-    from petsc4py import PETSc
-
-    return PETSc.Sys.getVersion()
-
-
-def _versions() -> dict[str, str]:
-    return {
-        "cruciform_petsc": __version__,
-        "python": platform.python_version(),
-        "petsc": ".".join(map(str, _petsc_version())),
-        "petsc4py": petsc4py.__version__,
-        "numpy": np.__version__,
-    }
-
-
-def commit() -> str | None:
-    """Git commit of the program, if it runs from a clone; read without running git."""
-    git = Path(__file__).resolve().parents[1] / ".git"
-    try:
-        head = (git / "HEAD").read_text(encoding="ascii").strip()
-        if not head.startswith("ref: "):
-            return head or None
-        name = head.removeprefix("ref: ")
-        if (git / name).is_file():
-            return (git / name).read_text(encoding="ascii").strip()
-        packed = (git / "packed-refs").read_text(encoding="ascii").splitlines()
-        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
-    except (OSError, ValueError):
-        return None
-
-
 def _values(case: Case, column: Any) -> Any:
     """A column as it is if the case asked for a list, else its last value."""
     plain = [float(value) for value in column]
@@ -578,7 +545,6 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         "title": case.title,
         "kind": case.test.kind,
         "finite": case.test.finite,
-        "ranks": comm.size,
         "crossovers": statistics["crossovers"],
         "dofs": result.unknowns or result.unknowns_per_node * statistics["nodes"],
         "load_n": _values(case, curve["load_N"]),
@@ -602,9 +568,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         "model": case.test.model,
         "bending": case.test.bending,
         "case": case.model_dump(),
-        "versions": _versions(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "commit": commit(),
+        **provenance(comm),
     }
     if result.uncarried is not None:
         summary["uncarried_share_of_load"] = result.uncarried
@@ -655,13 +619,12 @@ def _write(case: Case, result: TestResult, directory: Path) -> None:
             },
         )
     if case.output.paraview:
-        paraview.write_network(
-            directory / "network.vtkhdf", network, result.node_displacement, result.fields
-        )
+        notes = file_notes(result, case.model_dump())
+        moved = result.node_displacement
+        paraview.write_network(directory / "network.vtkhdf", network, moved, result.fields, notes)
         if len(result.states) > 1:
-            paraview.write_series(
-                directory / "series.vtkhdf", network, result.states, experiment.column
-            )
+            states, column = result.states, experiment.column
+            paraview.write_series(directory / "series.vtkhdf", network, states, column, notes)
     if case.output.exports:
         result.export(directory)
 
@@ -689,11 +652,10 @@ def _write_nothing_but_increments(comm, case, directory, stages, progress, failu
         "title": case.title,
         "kind": case.test.kind,
         "finite": case.test.finite,
-        "ranks": comm.size,
         "ended_early": str(failure),
         "increments": _told_increments(progress.increments),
         "case": case.model_dump(),
-        "versions": _versions(),
+        **provenance(comm),
         "wall_s": {**stages.seconds, "total": stages.total()},
     }
     tables.write_json(comm, directory / "summary.json", summary)

@@ -5,12 +5,16 @@ import csv
 import json
 import logging
 import re
+import subprocess
 from contextlib import contextmanager
+from datetime import UTC, datetime
 
+import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from cruciform_petsc import __version__
 from cruciform_petsc.case import Case
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.network import Network
@@ -111,6 +115,29 @@ def test_picture_frame_against_its_closed_form(tmp_path):
     diagonal = 0.06 * np.cos(0.25 * np.pi - 0.5 * gamma)
     assert summary["crosshead_mm"] == pytest.approx(1e3 * (diagonal - 0.03 * np.sqrt(2.0)))
     assert summary["shear_force_n_per_mm"] == pytest.approx(1e-3 * force / diagonal, rel=1e-2)
+
+
+def test_results_say_where_they_come_from(tmp_path):
+    """Program, commit, versions, date, ranks and case: in the summary and in ParaView's files."""
+    made = case(finite=True, extension=["1 mm", "2 mm"])
+    summary = run(MPI.COMM_SELF, tmp_path, made)
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True)
+    if commit.returncode == 0:  # else it is no clone
+        assert summary["commit"] == commit.stdout.strip()
+    assert {"cruciform_petsc", "python", "petsc", "numpy", "numba"} <= summary["versions"].keys()
+    for name in ("network.vtkhdf", "series.vtkhdf"):
+        with h5py.File(tmp_path / name) as file:
+            notes = {
+                key: value.decode() if isinstance(value, bytes) else value
+                for key, value in file["VTKHDF"].attrs.items()
+            }
+        assert notes["program"] == f"cruciform_petsc {__version__}"
+        assert notes["commit"] == (summary["commit"] or "")
+        assert notes["ranks"] == summary["ranks"] == 1
+        assert json.loads(notes["versions"]) == summary["versions"]
+        assert Case.from_data(json.loads(notes["case"])) == made
+        written = datetime.fromisoformat(notes["date"])
+        assert abs((datetime.now(UTC) - written).total_seconds()) < 600.0
 
 
 def test_single_values_are_no_lists(tmp_path):

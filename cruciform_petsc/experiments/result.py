@@ -353,14 +353,17 @@ class TestResult:
     def write(self, path: str) -> None:
         """Write a file that ParaView opens: deformed yarns with their fields. Collective.
 
-        Several states become a series over time, which is the control in the curve's units.
+        Several states become a series over time, which is the control in the curve's units. The
+        file's attributes say where it comes from (provenance.file_notes).
         """
         from ..output.paraview import write_network, write_series
+        from ..provenance import file_notes
 
+        notes = file_notes(self)
         if len(self.states) > 1:
-            write_series(path, self.network, self.states, self.experiment.column)
+            write_series(path, self.network, self.states, self.experiment.column, notes)
         else:
-            write_network(path, self.network, self.node_displacement, self.fields)
+            write_network(path, self.network, self.node_displacement, self.fields, notes)
 
 
 def _median(comm, values: np.ndarray) -> float:

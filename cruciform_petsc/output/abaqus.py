@@ -15,6 +15,7 @@ import numpy as np
 
 from .. import __version__
 from ..experiments.result import ZONES
+from ..provenance import commit
 from .ordered import lines
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def input_file(
     title = shorten(fabric.name, 100).encode("ascii", "replace").decode()
     yield (
         "*HEADING\n"
-        f"cruciform_petsc {__version__}, {result.experiment.kind}\n"
+        f"cruciform_petsc {__version__}, commit {commit() or 'unknown'}, {result.experiment.kind}\n"
         f"** {title}, {name} = {result.states[index].control / size:.9g}\n"
         "** Units: mm, N, MPa. Nodes are crossovers; the node's number is the crossover's plus 1.\n"
         "*NODE, NSET=CROSSOVERS\n",
