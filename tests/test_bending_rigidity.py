@@ -64,9 +64,11 @@ def test_peirce():
     ("given", "message"),
     [
         ((0.0, 1.0, 0.1), "load must be positive"),
-        ((1.0, float("nan"), 0.1), "length must be positive"),
+        ((1.0, float("nan"), 0.1), "length must be finite"),
         ((1.0, 1.0, -0.1), "deflection must be positive"),
         ((1.0, 1.0, 0.99), "0.99 of the length does not tell the rigidity"),
+        (("1 N", "10", 0.1), 'length = "10" has no unit'),
+        (("1 m", "10 m", 0.1), "load"),
         ((1.0, 1.0, 1e-7), "does not tell the rigidity"),
     ],
 )

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from ..errors import InputError
+from ..units import to_si
 
 # Past this share of the length a tenth of a per cent of the deflection is a tenth of the rigidity.
 LARGEST_DEFLECTION = 0.98
@@ -51,32 +52,38 @@ def tip_deflection(load_number: float) -> float:
     return _elastica(math.exp(-u))[1]
 
 
-def bending_rigidity(load: float, length: float, deflection: float) -> float:
+def bending_rigidity(load: float | str, length: float | str, deflection: float | str) -> float:
     """Bending rigidity EI of a strip from the deflection of its tip, N m^2.
 
     For the rigidity per width divide by the strip's, for that of a yarn by the number of yarns.
 
     Parameters
     ----------
-    load : float
-        Dead load on the tip, across the strip at rest, N.
-    length : float
-        From the clamp to the load along the strip, m.
-    deflection : float
-        Of the tip, along the load, m; below 0.98 of the length.
+    load : float or str
+        Dead load on the tip, across the strip at rest, N or with its unit ("2 mN").
+    length : float or str
+        From the clamp to the load along the strip, m or with its unit.
+    deflection : float or str
+        Of the tip, along the load, m or with its unit; below 0.98 of the length.
 
     Raises
     ------
     InputError
-        Numbers that are not positive, a deflection that is too small or too large to tell.
+        Numbers that are not positive, units of something else, a deflection
+        that is too small or too large to tell.
 
     Examples
     --------
     >>> round(bending_rigidity(0.01, 0.1, 0.049346), 8)  # P L^2/EI = 2
     5e-05
+    >>> round(bending_rigidity("10 mN", "10 cm", "49.346 mm"), 8)
+    5e-05
     """
     from scipy.optimize import brentq
 
+    load = to_si(load, "N", "load", bare=True)
+    length = to_si(length, "m", "length", bare=True)
+    deflection = to_si(deflection, "m", "deflection", bare=True)
     _check_positive(load=load, length=length, deflection=deflection)
     share = deflection / length
     if not SMALLEST_DEFLECTION <= share <= LARGEST_DEFLECTION:
@@ -90,19 +97,27 @@ def bending_rigidity(load: float, length: float, deflection: float) -> float:
     return load * length**2 / number
 
 
-def bending_rigidity_peirce(weight: float, length: float, angle: float) -> float:
+def bending_rigidity_peirce(weight: float | str, length: float | str, angle: float | str) -> float:
     """Bending rigidity EI of a strip that bends by its own weight, N m^2, by Peirce's formula.
 
     Parameters
     ----------
-    weight : float
-        Per length of the strip (mass per area x g x width), N/m.
-    length : float
-        That hangs over, m.
-    angle : float
-        From the horizontal down to the line from clamp to tip, rad; 41.5 degrees in the usual
-        test.
+    weight : float or str
+        Per length of the strip (mass per area x g x width), N/m or with its unit.
+    length : float or str
+        That hangs over, m or with its unit.
+    angle : float or str
+        From the horizontal down to the line from clamp to tip, rad or with its unit; 41.5 degrees
+        in the usual test.
+
+    Raises
+    ------
+    InputError
+        Numbers that are not positive, units of something else, 90 degrees or more.
     """
+    weight = to_si(weight, "N/m", "weight", bare=True)
+    length = to_si(length, "m", "length", bare=True)
+    angle = to_si(angle, "rad", "angle", bare=True)
     _check_positive(weight=weight, length=length, angle=angle)
     if angle >= 0.5 * np.pi:
         raise InputError("the angle of a cantilever test must be below 90 deg")

@@ -4,6 +4,8 @@
 # is the middle from the angle of a net whose yarns do not stretch?
 
 # %%
+from pathlib import Path
+
 import numpy as np
 from mpi4py import MPI
 
@@ -43,4 +45,5 @@ def main(folder=None):
 
 # %%
 if __name__ == "__main__":
-    print(main("."))
+    Path("results/scripts").mkdir(parents=True, exist_ok=True)
+    print(main("results/scripts"))

@@ -4,6 +4,8 @@
 # straightens, then the glass is pulled.
 
 # %%
+from pathlib import Path
+
 from mpi4py import MPI
 
 from cruciform_petsc import Biaxial, Fabric, Network, Preform
@@ -49,4 +51,5 @@ def main(folder=None):
 
 # %%
 if __name__ == "__main__":
-    print(main("."))
+    Path("results/scripts").mkdir(parents=True, exist_ok=True)
+    print(main("results/scripts"))

@@ -4,6 +4,8 @@
 # so that each bends by itself: the rigidity of a yarn can be read from the deflection.
 
 # %%
+from pathlib import Path
+
 from mpi4py import MPI
 
 from cruciform_petsc import Cantilever, Fabric, Network, Preform
@@ -45,4 +47,5 @@ def main(folder=None):
 
 # %%
 if __name__ == "__main__":
-    print(main("."))
+    Path("results/scripts").mkdir(parents=True, exist_ok=True)
+    print(main("results/scripts"))

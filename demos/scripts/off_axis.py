@@ -4,6 +4,8 @@
 # grips keep it from shearing as it would, and make it stiffer.
 
 # %%
+from pathlib import Path
+
 from mpi4py import MPI
 
 from cruciform_petsc import Fabric, Network, OffAxisTension, Preform
@@ -37,4 +39,5 @@ def main(folder=None):
 
 # %%
 if __name__ == "__main__":
-    print(main("."))
+    Path("results/scripts").mkdir(parents=True, exist_ok=True)
+    print(main("results/scripts"))

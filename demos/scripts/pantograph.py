@@ -4,6 +4,8 @@
 # is a net of yarns that bend. How is the work shared out?
 
 # %%
+from pathlib import Path
+
 from mpi4py import MPI
 
 from cruciform_petsc import Fabric, Network, Pantograph, Preform
@@ -34,4 +36,5 @@ def main(folder=None):
 
 # %%
 if __name__ == "__main__":
-    print(main("."))
+    Path("results/scripts").mkdir(parents=True, exist_ok=True)
+    print(main("results/scripts"))
