@@ -81,11 +81,6 @@ class LinearNetwork:
         """Names of the modes of deformation there are."""
         return MODES if self.bending else MODES[:2]
 
-    @property
-    def num_unknowns_owned(self) -> int:
-        """Unknowns of this rank."""
-        return self.unknowns_per_node * self.network.num_nodes_owned
-
     # -- elements -------------------------------------------------------------------------------
 
     def _parts(self, a, strain, rotation, area) -> dict[str, np.ndarray]:
@@ -361,9 +356,7 @@ class LinearNetwork:
         network, fabric = self.network, self.network.fabric
         n = network.num_crossovers_owned
         hinge = np.zeros((n, 2))
-        fields = {
-            name: np.zeros((n, 4)) for name in ("arm_strain", "arm_rotation", "quadrant_shear")
-        }
+        fields = {name: np.zeros((n, 4)) for name in ("arm_strain", "arm_rotation")}
         mean_area = np.zeros((n, 4))
         energy = {mode: np.zeros(n) for mode in MODES}
         modes = tuple(modes or self.modes)

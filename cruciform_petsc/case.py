@@ -408,16 +408,6 @@ class TestTable(_Table):
         values = value if isinstance(value, list) else [value]
         return to_si(values, self.controls[self.control], f"test.{self.control}")
 
-    @property
-    def extension_si(self) -> list[float] | None:
-        """Prescribed extensions [m], one or more, or None if something else is prescribed."""
-        return self.values_si if self.control == "extension" else None
-
-    @property
-    def load_si(self) -> list[float] | None:
-        """Prescribed loads [N], one or more, or None if something else is prescribed."""
-        return self.values_si if self.control == "load" else None
-
 
 _EXTENSION = Field(
     default=None,
@@ -507,11 +497,6 @@ class PictureFrameTest(_OneSystemTest):
         examples=["20 deg"],
     )
 
-    @property
-    def angle_si(self) -> list[float]:
-        """Shear angles of the frame [rad], one or more."""
-        return self.values_si
-
 
 class BiaxialTest(_OneSystemTest):
     """A rectangle stretched along both yarns."""
@@ -534,11 +519,6 @@ class BiaxialTest(_OneSystemTest):
                     "it must be finite and more than -100 %"
                 )
         return self
-
-    @property
-    def strain_warp_si(self) -> list[float]:
-        """Stretch of the warp less 1, one or more."""
-        return self.values_si
 
     @property
     def strain_weft_si(self) -> list[float]:
@@ -826,12 +806,6 @@ def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
     if told is not None:
         raise told if problem is None else problem
     return result  # type: ignore[return-value]
-
-
-def _as_list(value: str | list[str] | None, unit: str, key: str) -> list[float] | None:
-    if value is None:
-        return None
-    return to_si(value if isinstance(value, list) else [value], unit, key)
 
 
 def _read(path: Path) -> dict[str, Any]:

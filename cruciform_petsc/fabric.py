@@ -336,13 +336,6 @@ class Fabric:
         """
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
 
-    def spacing(self, family: str) -> float:
-        """Distance between neighbouring yarns of "warp" or "weft" [m]."""
-        if family not in ("warp", "weft"):
-            raise InputError(f'a yarn family is "warp" or "weft", not "{family}"')
-        yarns: YarnFamily = getattr(self, family)
-        return yarns.spacing
-
     def off_axis_modulus(self, angle: Any) -> Any:
         """Modulus of a strip with free sides cut at an angle to the warp (Kilby 1963).
 

@@ -23,7 +23,6 @@ from cruciform_petsc.calibration import (
 from cruciform_petsc.calibration.formula import (
     frame_angle,
     net_angle,
-    net_load,
     torque_from_frame,
     torque_from_loads,
 )
@@ -42,6 +41,14 @@ UNKNOWN = replace(GLASS_PP, shear_law=None, shear_modulus=7.5)
 DISPLACEMENT = 1e-3 * np.array([1.5, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33])
 RISING = odd_polynomial([5.0, 20.0])
 LOG = logging.getLogger("test_calibrate")
+
+
+def net_load(angle: np.ndarray, law, width: float, length: float) -> np.ndarray:
+    """Force of a net that follows `law` (Potential), by torque_from_loads' formula, N."""
+    half = 0.5 * np.asarray(angle, float)
+    torque = (2.0 * length - 3.0 * width) * law.evaluate(2.0 * half)[1]
+    torque = torque + width * law.evaluate(half)[1]
+    return torque / ((length / width - 1.0) * (np.cos(half) - np.sin(half)))
 
 
 def specimen(lumped=3, size=("100 mm", "200 mm"), angle="45 deg", fabric=UNKNOWN):

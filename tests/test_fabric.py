@@ -90,10 +90,7 @@ def test_off_axis_modulus_of_an_array():
 
 def test_spacing():
     """Spacing is the inverse of the count, by family."""
-    assert UNEQUAL.spacing("warp") == 1 / 240.0
-    assert UNEQUAL.weft.spacing == UNEQUAL.spacing("weft") == 1 / 190.0
-    with pytest.raises(InputError, match='"warp" or "weft", not "fill"'):
-        UNEQUAL.spacing("fill")
+    assert (UNEQUAL.warp.spacing, UNEQUAL.weft.spacing) == (1 / 240.0, 1 / 190.0)
 
 
 def test_reciprocity():

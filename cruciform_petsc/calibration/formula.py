@@ -40,14 +40,6 @@ def net_angle(displacement: np.ndarray, width: float, length: float) -> np.ndarr
     return 0.5 * np.pi - 2.0 * np.arccos(np.where(cosine <= 1.0, cosine, np.nan))
 
 
-def net_load(angle: np.ndarray, law, width: float, length: float) -> np.ndarray:
-    """Force of a net that follows `law` (Potential), by the same formula, N; shaped like angle."""
-    half = 0.5 * np.asarray(angle, float)
-    torque = (2.0 * length - 3.0 * width) * law.evaluate(2.0 * half)[1]
-    torque = torque + width * law.evaluate(half)[1]
-    return torque / ((length / width - 1.0) * (np.cos(half) - np.sin(half)))
-
-
 def torque_from_loads(
     displacement: np.ndarray, force: np.ndarray, width: float, length: float
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -42,11 +42,6 @@ class Cells:
     weft: np.ndarray
     zone: np.ndarray
 
-    @property
-    def is_triangle(self) -> np.ndarray:
-        """Cells with three corners; bool (n,)."""
-        return np.any(self.corner < 0, axis=1)
-
 
 def lattice_cells(
     network: Network, position: np.ndarray, carrying: np.ndarray, zone: np.ndarray

@@ -37,7 +37,7 @@ _INDEX = np.uint32
 # Neighbouring yarns that are solved alternately: the substitutions of one yarn depend each on the
 # last, those of several fill the processor.
 _GROUP = 4
-_OTHER, _BEYOND = -1, -2  # see _count
+_OTHER, _BEYOND = -1, -2  # see _split
 
 
 @dataclass
