@@ -337,7 +337,9 @@ class Fabric:
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
 
     def off_axis_modulus(self, angle: Any) -> Any:
-        """Modulus of a strip with free sides cut at an angle to the warp (Kilby 1963).
+        """Modulus of a strip with free sides cut at an angle to the warp.
+
+        Kilby 1963, J. Text. Inst. 54:T9:
 
         1/E_t = cos^4 t / E_w + sin^4 t / E_e + (1/G - 2 nu_w / E_w) sin^2 t cos^2 t
 

@@ -801,7 +801,10 @@ class _Problem:
         ]) @ self.values_of  # fmt: skip
 
     def minimise(self, told: Callable[[str], None]) -> tuple[int, str]:
-        """Levenberg and Marquardt's method with bounds; z is moved to the minimum. Collective."""
+        """Levenberg and Marquardt's method with bounds; z is moved to the minimum. Collective.
+
+        Nocedal and Wright 2006, Numerical Optimization, section 10.3.
+        """
         n = len(self.curve.force)
         r, damping = self.residuals(self.z), 1e-4
         self.specimen.accept()
@@ -838,6 +841,8 @@ def _finished(
     law = _table(problem.knots, values)
     loads = specimen.solve(law)
     specimen.accept()
+    # Covariance of regularised least squares, and the trace of the hat matrix as the number of
+    # parameters that the data settle (Hastie and Tibshirani 1990, Generalized Additive Models, 3.5).
     # Relative in the values, too, so that singular values are plain numbers.
     # Points of a curve with twice the weight count as if they scattered by 1/sqrt(2).
     even = np.sqrt(len(loads)) * problem.data_weight

@@ -323,7 +323,8 @@ class Equilibrium:
                     break
                 if there <= merit + noise and abs(along) <= 0.9 * slope:
                     break
-                # Minimum of the cubic with the values and slopes at both ends.
+                # Minimum of the cubic with the values and slopes at both ends (Nocedal and Wright
+                # 2006, Numerical Optimization, eq. 3.59).
                 d1 = -slope - along - 3.0 * (merit - there) / -length
                 root = d1 * d1 - slope * along
                 root = np.sqrt(root) if root > 0.0 else 0.0

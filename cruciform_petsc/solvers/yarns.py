@@ -117,7 +117,11 @@ def _split(rows, num_inner, num_with_outer, position, line, pointer, column, val
 
 @numba.njit(cache=True)
 def _elimination_tree(n, pointer, column):
-    """Parents in the elimination tree of a symmetric matrix, lower triangle by rows (n,)."""
+    """Parents in the elimination tree of a symmetric matrix, lower triangle by rows (n,).
+
+    Liu 1990, SIAM J. Matrix Anal. Appl. 11:134, algorithm 4.2; with it goes the up-looking Cholesky
+    factorisation of Davis 2006, Direct Methods for Sparse Linear Systems, section 4.7.
+    """
     parent, ancestor = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
     for k in range(n):
         for e in range(pointer[k], pointer[k + 1]):
