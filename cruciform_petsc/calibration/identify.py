@@ -842,7 +842,7 @@ def _finished(
     loads = specimen.solve(law)
     specimen.accept()
     # Covariance of regularised least squares, and the trace of the hat matrix as the number of
-    # parameters that the data settle (Hastie and Tibshirani 1990, Generalized Additive Models, 3.5).
+    # parameters that the data settle (Hastie, Tibshirani and Friedman 2009, eq. 3.50).
     # Relative in the values, too, so that singular values are plain numbers.
     # Points of a curve with twice the weight count as if they scattered by 1/sqrt(2).
     even = np.sqrt(len(loads)) * problem.data_weight

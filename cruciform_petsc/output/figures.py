@@ -292,8 +292,9 @@ def _draw_energies(path: Path, result: TestResult, title: str) -> None:
 def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
     """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
 
-    With L0 = H - W (Cao et al. 2008, Composites A 39:1037, eq. 12): 90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)); NaN beyond its end. For rectangles
-    cut at 45 degrees with H >= 2 W and grips at both ends; None for all others.
+    With L0 = H - W: 90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)); NaN beyond its end. For rectangles
+    cut at 45 degrees with H >= 2 W and grips at both ends; None for all others. Cao et al. 2008,
+    Composites A 39:1037, eq. 12.
     """
     preform = result.network.preform
     low_x, low_y, high_x, high_y = preform.outline.bounds
