@@ -333,5 +333,8 @@ def test_kinematics_of_an_inextensible_net():
     d = 0.04 * (np.sqrt(2.0) * np.cos(np.deg2rad(45.0 - 15.0)) - 1.0)
     np.testing.assert_allclose(angle([d]), [30.0])
     assert np.isnan(angle([0.02])[0])
+    made = case(size=("2 cm", "6 cm"), extension="1 mm")
+    told = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric())).check()
+    assert "lie along the pull at an extension of 16.57 mm" in told[-1]
     for changes in ({"size": ("2 cm", "3.9 cm")}, {"bias": "40 deg"}, {"upper": "centre-line"}):
         assert angle([0.0], **changes) is None

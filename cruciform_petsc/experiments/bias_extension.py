@@ -12,6 +12,7 @@ from ..constraints import Constraints
 from ..errors import InputError
 from ..network import Network
 from ..solvers.separate import solve_separately
+from ..units import format_si
 from .base import PULL, Experiment, Grip
 from .result import State, TestResult
 
@@ -82,6 +83,32 @@ class BiasExtension(Experiment):
         if self.model == "separate":
             return self._solve_separately()
         return super().solve(accepted, checkpoint)
+
+    def check(self) -> list[str]:
+        """See Experiment.check; and how far the net reaches. Collective."""
+        told = super().check()
+        gauge = self.net_gauge()
+        if gauge is not None:
+            reach = format_si(float(f"{(np.sqrt(2.0) - 1.0) * gauge:.4g}"), "m")
+            told.append(
+                f"yarns that do not stretch lie along the pull at an extension of {reach}: beyond, "
+                "they carry the load"
+            )
+        return told
+
+    def net_gauge(self) -> float | None:
+        """Length L0 = H - W of an inextensible net that shears as in a bias test, m.
+
+        For rectangles cut at 45 degrees with H >= 2 W and grips at both ends; None for all others.
+        Cao et al. 2008, Composites A 39:1037, eq. 12.
+        """
+        preform = self.network.preform
+        low_x, low_y, high_x, high_y = preform.outline.bounds
+        width, length = high_x - low_x, high_y - low_y
+        box = abs(preform.outline.area - width * length) < 1e-9 * width * length
+        at_45 = abs(np.cos(2.0 * preform.bias_angle)) < 1e-9
+        grip = self.upper == "grip" and getattr(self, "ends", "grip") == "grip"
+        return length - width if box and at_45 and grip and length > 1.999999 * width else None
 
     def membrane(self, result: TestResult, size: float | None = None) -> Any:
         """The membrane under the last extension (dolfinx). Collective."""

@@ -292,20 +292,12 @@ def _draw_energies(path: Path, result: TestResult, title: str) -> None:
 def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
     """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
 
-    With L0 = H - W: 90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)); NaN beyond its end. For rectangles
-    cut at 45 degrees with H >= 2 W and grips at both ends; None for all others. Cao et al. 2008,
-    Composites A 39:1037, eq. 12.
+    90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)), Cao et al. 2008, Composites A 39:1037, eq. 12; NaN
+    beyond its end. None where it has no such kinematics (BiasExtension.net_gauge).
     """
-    preform = result.network.preform
-    low_x, low_y, high_x, high_y = preform.outline.bounds
-    width, length = high_x - low_x, high_y - low_y
-    box = abs(preform.outline.area - width * length) < 1e-9 * width * length
-    at_45 = abs(np.cos(2.0 * preform.bias_angle)) < 1e-9
-    grip = getattr(result.experiment, "upper", "") == "grip"
-    grip &= getattr(result.experiment, "ends", "grip") == "grip"
-    if not (box and at_45 and grip and length >= 2.0 * width * (1 - 1e-9)):
+    free = getattr(result.experiment, "net_gauge", lambda: None)()
+    if free is None:
         return None
-    free = length - width
     cosine = (free + np.asarray(extension)) / (np.sqrt(2.0) * free)
     cosine = np.where(cosine <= 1.0, cosine, np.nan)
     return 90.0 - 2.0 * np.rad2deg(np.arccos(cosine))
