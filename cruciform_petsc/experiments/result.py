@@ -268,7 +268,11 @@ class TestResult:
     # -- curves -----------------------------------------------------------------------------------
 
     def curve(self) -> dict[str, np.ndarray]:
-        """Columns of the test's curve, with units in their names. Collective."""
+        """Columns of the test's curve, units in their names. Collective when first asked for."""
+        return dict(self._curve)
+
+    @cached_property
+    def _curve(self) -> dict[str, np.ndarray]:
         name, size = self.experiment.column
         columns = {name: self.controls / size}
         if name != "load_N":
