@@ -128,6 +128,14 @@ def value_at(curve: Line, at: np.ndarray) -> np.ndarray:
     return PchipInterpolator(sign * x, y)(sign * at)
 
 
+def drawn(curve: Line) -> Line:
+    """The same branch in many points: straight lines between them are what `value_at` gives."""
+    if len(curve[0]) < 3:
+        return curve
+    x = np.union1d(np.linspace(*curve[0][[0, -1]], 300), curve[0])
+    return x, value_at(curve, x)
+
+
 def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Difference | None:
     """Difference of two loading branches at some points.
 
@@ -414,7 +422,13 @@ def compare_command(
         [
             (
                 (label, _axis(name)),
-                {labels[i]: (lines[name][i], side.is_measured) for i, side in enumerate((a, b))},
+                {
+                    labels[i]: (
+                        lines[name][i] if side.is_measured else drawn(lines[name][i]),
+                        side.is_measured,
+                    )
+                    for i, side in enumerate((a, b))
+                },
             )
             for name in shown or list(lines)[:2]
         ],

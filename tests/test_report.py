@@ -15,7 +15,15 @@ from mpi4py import MPI
 from cruciform_petsc.calibration.curve import MeasuredCurve
 from cruciform_petsc.case import Case
 from cruciform_petsc.cli import main
-from cruciform_petsc.compare import against_measured, compare, difference, loading, read_side
+from cruciform_petsc.compare import (
+    against_measured,
+    compare,
+    difference,
+    drawn,
+    loading,
+    read_side,
+    value_at,
+)
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
 from cruciform_petsc.run import run_case
@@ -291,6 +299,18 @@ def test_all_increments_are_used_between(tmp_path):
     b = results(tmp_path / "b", [1.0, 4.0], [1.0, 1.0])
     _, figures, _ = compare(read_side(a), read_side(b))
     assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_is_drawn_is_what_is_compared():
+    """Between increments the line goes where the figures come from, and through all increments."""
+    for sign in (1.0, -1.0):
+        line = loading(sign * np.array([1.0, 2.0, 4.0]), sign * np.array([3.0, 4.0, 4.5]))
+        x, y = drawn(line)
+        np.testing.assert_allclose(y, value_at(line, x), rtol=0, atol=1e-12)
+        assert set(line[0]) <= set(x)
+        assert len(x) > 100
+    proportional = loading(np.array([2.0]), np.array([4.0]))
+    assert drawn(proportional) is proportional
 
 
 def test_loading_branch():
