@@ -49,7 +49,7 @@ def calibrate_case(
     data_path : str or Path
         Of the measured curve, see calibration.read_curve; read on rank 0.
     directory : Path
-        Is there; gets law.toml, calibration.csv, calibration.png and summary.json.
+        Is there; gets law.toml, calibration.csv, calibration.png and calibration.json.
     log : logging.Logger
     hold_out : (Case, path), optional
         Another specimen of the same cloth and its measured curve, to be predicted with the law

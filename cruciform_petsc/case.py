@@ -108,15 +108,37 @@ def _positive_length(value: str) -> str:
 
 
 def _petsc_options(value: Any) -> Any:
-    """Accept PETSc options without the leading dash and with plain values."""
+    """Accept settings of PETSc's solvers, without the leading dash and with plain values.
+
+    Files come from elsewhere: PETSc would load code (pc_python_type, a library) and write files
+    (ksp_view = ":name") if it were told to. Command lines are their owner's own affair.
+    """
     if not isinstance(value, dict):
         raise ValueError('must be a table like { ksp_type = "cg" }')
+    own = "; on the command line, -cruciform_" + "{} can be given by whoever runs it"
     for name, setting in value.items():
         if not re.fullmatch(r"[A-Za-z]\w*", name):
             raise ValueError(f'has the option "{name}", write it like "ksp_type", without a dash')
         if not isinstance(setting, str | int | float):
             raise ValueError(
                 f'"{name}" must be a string, a number or true/false, got {shown(setting)}'
+            )
+        if not re.match(r"(ksp|pc|snes|mg|mat|sub|npc|esteig)_", name):
+            raise ValueError(
+                f'has the option "{name}", which sets no solver: names begin with ksp_, pc_, '
+                "snes_, mg_, mat_ or sub_"
+            )
+        if "python" in name or setting in ("python", "shell"):
+            raise ValueError(f'must not run code, as "{name}" does{own.format(name)}')
+        if re.search(r"view|monitor", name) and not isinstance(setting, bool):
+            raise ValueError(
+                f'"{name}" can be true or false only, as files may be written else'
+                f"{own.format(name)}"
+            )
+        if isinstance(setting, str) and not re.fullmatch(r"[\w.,+-]*", setting):
+            raise ValueError(
+                f'"{name}" must be a word or numbers, not a path, got {shown(setting)}'
+                f"{own.format(name)}"
             )
     return value
 

@@ -430,7 +430,6 @@ class Checkpoint:
         """Remove it, as the results are there. Problems are not worth a word then."""
         if self.comm.rank == 0:
             shutil.rmtree(self.folder, ignore_errors=True)
-            shutil.rmtree(self.directory / PUT_ASIDE, ignore_errors=True)
             _unlock(self.directory)
         self.comm.barrier()
 

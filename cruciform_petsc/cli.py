@@ -216,13 +216,13 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
         return
     log = _logger(comm, args.quiet, args.verbose)
     if args.command == "resume":
+        _start_petsc(petsc_options)  # what a checkpoint is made of imports it
         from .checkpoint import reopen
+        from .run import run_case
 
         checkpoint = reopen(comm, args.case, args.set, args.output)
         directory = prepare_directory(comm, checkpoint.directory)
         running.append(directory)
-        _start_petsc(petsc_options)
-        from .run import run_case
 
         run_case(comm, checkpoint.case, directory, log, checkpoint)
         return

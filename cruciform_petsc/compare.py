@@ -132,7 +132,7 @@ def drawn(curve: Line) -> Line:
     """The same branch in many points: straight lines between them are what `value_at` gives."""
     if len(curve[0]) < 3:
         return curve
-    x = np.union1d(np.linspace(*curve[0][[0, -1]], 300), curve[0])
+    x = np.union1d(np.linspace(curve[0][0], curve[0][-1], 300), curve[0])
     return x, value_at(curve, x)
 
 

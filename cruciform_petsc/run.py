@@ -34,6 +34,7 @@ from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
 from .output.figures import control_text
+from .output.folder import remove_results
 from .output.progress import Route, progress_bar
 from .output.report import write_report
 from .provenance import file_notes, provenance, versions
@@ -196,12 +197,18 @@ def run_case(
     log_network(log, statistics)
 
     experiment = make_experiment(case, network)
+    resumed = checkpoint is not None
     failure: SolverError | None = None
     progress = Progress(experiment, directory / "increments.csv", log)
     if case.test.finite:
         checkpoint = checkpoint or Checkpoint.begin(comm, directory, case)
         for note in checkpoint.notes:
             log.warning("warning       %s", note)
+    if not resumed:  # the folder is this run's alone by now
+        replaced = remove_results(comm, directory)
+        if replaced:
+            log.info("           replaces the results of %s", replaced)
+    if checkpoint is not None:
         progress.go_on_from(checkpoint.increments)
         log.info(
             "           if interrupted, continue with: %s", resume_command(directory, comm.size)

@@ -522,7 +522,7 @@ def test_hold_out_of_a_case(tmp_path):
     measured = (DEMOS / "glass_pp_bias.csv").read_text().splitlines()
     curve.write_text("\n".join(measured[:-9]))
     told = calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (other, path))
-    kept = json.loads((tmp_path / "summary.json").read_text())["hold_out"]
+    kept = json.loads((tmp_path / "calibration.json").read_text())["hold_out"]
     assert kept["rms_relative_error"] == told["hold_out"]["rms_relative_error"]
     assert kept["points"] == 4
     # The same law at another mesh: where the coarse yarns lie is 5 to 10 % of the loads.
@@ -571,7 +571,7 @@ def test_calibration_of_the_published_curve(tmp_path):
     told = calibrate_case(MPI.COMM_SELF, case, DEMOS / "glass_pp_bias.csv", tmp_path, LOG)
     assert told["rms_relative_error"] < 0.06
     assert told["rms_relative_error"] < told["rms_relative_error_start"]
-    assert json.loads((tmp_path / "summary.json").read_text())["law"] == told["law"]
+    assert json.loads((tmp_path / "calibration.json").read_text())["law"] == told["law"]
     assert (tmp_path / "calibration.png").stat().st_size > 10_000
 
     rows = np.genfromtxt(tmp_path / "calibration.csv", delimiter=",", names=True)

@@ -3,6 +3,8 @@
 
 import json
 import math
+import re
+import tomllib
 
 import pytest
 
@@ -554,3 +556,27 @@ def test_files(tmp_path, write):
         assert str(caught.value) == f"case file {message}"
     with pytest.raises(InputError, match=r"no\.toml\" is not TOML: .*at line 2, column"):
         Case.load(text)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("nonsense=3", 'has the option "nonsense", which sets no solver: names begin with ksp_'),
+        ("pc_type='python'", 'must not run code, as "pc_type" does'),
+        ("pc_python_type='evil.py:Boom'", 'must not run code, as "pc_python_type" does'),
+        ("mg_levels_pc_python_type='evil.Boom'", "must not run code"),
+        ("ksp_view=':file.txt'", '"ksp_view" can be true or false only'),
+        ("ksp_view_mat='binary'", '"ksp_view_mat" can be true or false only'),
+        ("snes_monitor='ascii'", '"snes_monitor" can be true or false only'),
+        ("mat_mumps_ooc_tmpdir='/etc'", '"mat_mumps_ooc_tmpdir" must be a word or numbers'),
+    ],
+)
+def test_options_neither_run_code_nor_write_files(write, options, message):
+    """A case file, or a checkpoint, which holds one, may come from anybody."""
+    overrides = [f"solver.options={{{options}}}"]
+    with pytest.raises(InputError, match=re.escape(f"solver.options {message}")):
+        Case.load(write(SPECIMEN), overrides)
+    data = Case.load(write(SPECIMEN)).model_dump()
+    data["solver"]["options"] = tomllib.loads(options)
+    with pytest.raises(InputError, match=re.escape(message)):
+        Case.from_data(data)

@@ -367,8 +367,10 @@ def test_begin_puts_an_unfinished_run_aside(copy):
     assert (copy / "checkpoint.old" / "newest").read_bytes() == good
     assert Checkpoint.begin(COMM, copy, case_of()).notes == []  # nothing had been reached
     assert (copy / "checkpoint.old" / "newest").read_bytes() == good
-    checkpoint.remove()
-    assert list(copy.iterdir()) == []
+    checkpoint.remove()  # results of the new run are there; the old one can still be resumed
+    assert [path.name for path in copy.iterdir()] == ["checkpoint.old"]
+    (copy / "checkpoint.old").rename(copy / "checkpoint")
+    assert Checkpoint.resume(COMM, copy).increments
 
 
 STEPS = [

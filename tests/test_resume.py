@@ -193,4 +193,4 @@ def test_run_puts_an_unfinished_run_aside(case, tmp_path):
     assert (out / "checkpoint.old" / "newest").exists()
     result = cruciform_petsc(0, "resume", out)
     assert result.returncode == 0
-    assert not (out / "checkpoint.old").exists()
+    assert (out / "checkpoint.old" / "newest").exists()  # the other run's

@@ -19,6 +19,7 @@ from cruciform_petsc.case import Case
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.network import Network
 from cruciform_petsc.output.figures import control_text, net_kinematics
+from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
 from cruciform_petsc.solvers.nonlinear import EquilibriumError
 
@@ -138,6 +139,22 @@ def test_results_say_where_they_come_from(tmp_path):
         assert Case.from_data(json.loads(notes["case"])) == made
         written = datetime.fromisoformat(notes["date"])
         assert abs((datetime.now(UTC) - written).total_seconds()) < 600.0
+
+
+def test_nothing_stays_of_an_earlier_run(tmp_path, caplog):
+    """All that a run can write is removed by the next one; other people's files are not."""
+    everything = {"pictures": True, "exports": True}
+    run(MPI.COMM_SELF, tmp_path, case(finite=True, extension=["1 mm", "2 mm"], output=everything))
+    (tmp_path / "notes.txt").write_text("mine")
+    there = {path.name for path in tmp_path.iterdir()} - {"notes.txt"}
+    assert len(there) > 10
+    assert there - {"report.html"} <= set(RESULTS)
+    with caplog.at_level(logging.INFO, LOG.name):
+        run(MPI.COMM_SELF, tmp_path, case(extension="1 mm"))
+    assert 'replaces the results of "' in caplog.text
+    left = {path.name for path in tmp_path.iterdir()}
+    assert "notes.txt" in left
+    assert not left & {"increments.csv", "series.vtkhdf", "stages.png", "preform.inp", "zones.png"}
 
 
 def test_single_values_are_no_lists(tmp_path):

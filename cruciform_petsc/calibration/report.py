@@ -49,7 +49,7 @@ def law_file(calibration: Calibration) -> str:
 
 
 def summary(calibration: Calibration) -> dict[str, Any]:
-    """Plain numbers for summary.json."""
+    """Plain numbers for calibration.json."""
     c = calibration
     return {
         "rms_relative_error": c.rms,
@@ -115,7 +115,7 @@ def write(
     comm: MPI.Intracomm, directory: Path, calibration: Calibration, more: dict[str, Any],
     picture: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write law.toml, calibration.csv, summary.json and calibration.png. Collective.
+    """Write law.toml, calibration.csv, calibration.json and calibration.png. Collective.
 
     Parameters
     ----------
@@ -155,14 +155,14 @@ def write(
 
     on_root(comm, law)
     told = more | summary(c)
-    write_json(comm, directory / "summary.json", told)
+    write_json(comm, directory / "calibration.json", told)
     if picture:
         draw(comm, directory / "calibration.png", c, str(more.get("title", "")))
     return told
 
 
 def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
-    """Plain numbers of a prediction for summary.json."""
+    """Plain numbers of a prediction for calibration.json."""
     p = prediction
     return {
         "rms_relative_error": p.rms,
