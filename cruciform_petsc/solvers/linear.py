@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from ..errors import SolverError
+from ..errors import InputError, SolverError
 
 PREFIX = "cruciform_"
 # Up to here a sparse Cholesky factorisation is faster than any general iteration (planar graphs
@@ -122,6 +122,38 @@ def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
             database.delValue(name)
 
 
+def set_from_options(
+    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object]
+) -> None:
+    """Set a solver up from the options database, in which the options are by now. Collective.
+
+    Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
+    """
+    database = PETSc.Options(prefix)
+    for name, kind in (("snes_type", PETSc.SNES), ("ksp_type", PETSc.KSP), ("pc_type", PETSc.PC)):
+        given = database.getString(name, str(options.get(name, "")))
+        if not given or (kind is PETSc.SNES and not isinstance(solver, PETSc.SNES)):
+            continue
+        probe = kind().create(PETSc.COMM_SELF)
+        try:
+            probe.setType(given)
+        except PETSc.Error as error:
+            known = {"snes_type": "newtonls", "ksp_type": "cg", "pc_type": "cholesky"}[name]
+            raise InputError(
+                f"the PETSc option {name} (of solver.options, or -{prefix}{name} on the command "
+                f"line) is '{given}', which this PETSc does not have; '{known}' would do"
+            ) from error
+        finally:
+            probe.destroy()
+    try:
+        solver.setFromOptions()
+    except PETSc.Error as error:
+        raise InputError(
+            f"PETSc does not understand one of the solver's options (of solver.options, or "
+            f"-{prefix}... on the command line; PETSc error {error.ierr}): correct or leave it out"
+        ) from error
+
+
 def reason_name(reason: int) -> str:
     """PETSc's name of a converged (or diverged) reason."""
     for name, value in vars(PETSc.KSP.ConvergedReason).items():
@@ -186,7 +218,7 @@ class LinearSolver:
             # Coarse levels: incomplete factors that are cut between ranks take a second step.
             options.setdefault(_STEPS, 1 if matrix.comm.size == 1 else 2)
         with petsc_options(prefix, options):
-            self.ksp.setFromOptions()
+            set_from_options(self.ksp, prefix, options)
             if kind == "mg" and multigrid is not None:
                 self._attach(multigrid(matrix), prefix)
             try:
