@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -107,8 +108,8 @@ class Experiment:
                     f"bending is on but the fabric's {family} yarns have no bending rigidity: give "
                     "them one or set bending = false"
                 )
-        if increments is not None and increments < 1:
-            raise InputError(f"increments must be 1 or more, got {increments}")
+        if increments is not None and not (isinstance(increments, Integral) and increments >= 1):
+            raise InputError(f"increments must be 1 or more, a whole number, got {increments}")
         self.network, self.bending, self.finite = network, bending, finite
         self.increments, self.options = increments, options or {}
         check_memory(
@@ -292,6 +293,7 @@ class Experiment:
             return self._motions(grips, control), self.load_factor(control)
 
         path = Path(equilibrium, drive)
+        types = equilibrium.types()
 
         def accepted(increment: Increment, x: np.ndarray) -> None:
             state = self._state(model, equilibrium, grips, increment.control)
@@ -309,7 +311,7 @@ class Experiment:
         def result() -> TestResult:
             return TestResult(
                 self, model.supports, 2, states, increments=done,
-                unknowns=2 * model.nodes.num_nodes_global,
+                unknowns=2 * model.nodes.num_nodes_global, solver_types=types,
             )  # fmt: skip
 
         try:

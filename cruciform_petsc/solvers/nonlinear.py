@@ -182,6 +182,12 @@ class Equilibrium:
             self._tell_rigid_motions()
         self.snes.ksp.setErrorIfNotConverged(False)
 
+    def types(self) -> dict[str, str]:
+        """PETSc's types of the solvers in use, by "snes", "ksp" and "pc"; the yarns' is an mg."""
+        ksp = self.snes.ksp
+        pc = "mg" if self._multigrid else ksp.getPC().getType()
+        return {"snes": self.snes.getType(), "ksp": ksp.getType(), "pc": pc}
+
     def _options(self) -> AbstractContextManager[None]:
         """Put the options into PETSc's database: factors and levels ask when they are made."""
         return petsc_options(self._prefix, self._settings)
