@@ -901,6 +901,14 @@ def test_states_keep_their_fields():
         np.testing.assert_allclose(fields["shear_angle"], angle, atol=1e-7)
 
 
+def test_no_dead_load_is_lost():
+    """The clamp bears all of it, with that on corner tips which carry nothing."""
+    for finite in (False, True):
+        result = Cantilever(network(diagonals(4, 6)), "1 mN", finite=finite).solve()
+        assert result.supports.num_hanging
+        np.testing.assert_allclose(result.states[-1].forces["lower"], [-1e-3, 0.0], atol=1e-9)
+
+
 # -- PETSc's options and errors -----------------------------------------------------------------
 
 
