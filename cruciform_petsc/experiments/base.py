@@ -56,6 +56,11 @@ class Grip:
     nodes: np.ndarray
 
 
+def _columns(motions: np.ndarray) -> np.ndarray:
+    """Motions (n, d, m) of n nodes as columns over their unknowns, (n d, m)."""
+    return motions.reshape(-1, motions.shape[2])
+
+
 class Experiment:
     """A test of a network; y is the direction of pull. Kinds of test derive from it.
 
@@ -236,11 +241,12 @@ class Experiment:
         right = linear.loads() - linear.element_forces(prescribed)
         right[~linear.free] = 0.0
         rhs = linear.vector(right)
-        near_null = linear.rigid_motions()
-        near_null[~linear.free] = 0.0
-        owned = near_null[: network.num_nodes_owned].reshape(-1, 3)
+        owned = slice(0, network.num_nodes_owned)
         solver = LinearSolver(
-            matrix, owned, extra=self.options, multigrid=partial(yarn_multigrid, linear)
+            matrix,
+            lambda: _columns(linear.soft_motions()[owned]),
+            extra=self.options,
+            multigrid=partial(yarn_multigrid, linear),
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)
@@ -248,9 +254,8 @@ class Experiment:
         state = State(reference, 0.0, fields, linear.node_displacement(local, fields))
         force = linear.element_forces(local)[:, :2]
         force = np.einsum("nji,nj->ni", constraints.frame, force) @ network.preform.rotation
-        mine = slice(0, network.num_nodes_owned)
         # A load that is itself the control works on the nodes it acts on.
-        work = float((force[mine] * velocity[mine]).sum()) / reference
+        work = float((force[owned] * velocity[owned]).sum()) / reference
         state.load = self.load_of(network.comm.allreduce(work), reference)
         state.forces = self._edge_forces(grips, force)
         solver.destroy()

@@ -168,8 +168,8 @@ class LinearSolver:
     Parameters
     ----------
     matrix : PETSc.Mat
-    near_null : float (n_owned_unknowns, m), optional
-        Motions that cost (nearly) no energy, for algebraic multigrid.
+    near_null : float (n_owned_unknowns, m) or callable that gives it, optional
+        Motions that cost (nearly) no energy; asked for by algebraic multigrid only.
     options : mapping, optional
         PETSc options under the prefix. By default: DIRECT for small systems, YARN_MULTIGRID (or
         ITERATIVE where there are no interpolations) for large ones.
@@ -185,7 +185,7 @@ class LinearSolver:
     def __init__(
         self,
         matrix: PETSc.Mat,
-        near_null: np.ndarray | None = None,
+        near_null: np.ndarray | Callable[[], np.ndarray] | None = None,
         options: Mapping[str, object] | None = None,
         extra: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
@@ -205,7 +205,8 @@ class LinearSolver:
         options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
-            space = near_null_space(near_null, matrix.comm.tompi4py())
+            columns = near_null() if callable(near_null) else near_null
+            space = near_null_space(columns, matrix.comm.tompi4py())
             matrix.setNearNullSpace(space)
             space.destroy()
         self.ksp = PETSc.KSP().create(matrix.comm)
