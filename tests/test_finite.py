@@ -951,7 +951,7 @@ def test_types_that_petsc_does_not_have(name, finite):
     if name == "snes_type" and not finite:
         return
     made = network(diagonals(4, 6))
-    with pytest.raises(InputError, match=f"{name} .*'foo'"):
+    with pytest.raises(InputError, match=f"-cruciform_{name} .*'foo'"):
         BiasExtension(made, 1e-4, finite=finite, bending=False, options={name: "foo"}).solve()
     with (
         petsc_options(PREFIX, {name: "foo"}),

@@ -246,6 +246,19 @@ def test_gamg_knows_the_turning_squares(monkeypatch):
     assert iterations["gamg"] < 45
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pc_type": "foo"}, "-membrane_pc_type .from the command line. is 'foo'"),
+        ({"pc_type": "jacobi", "ksp_rtol": "foo"}, "does not accept one of the options -membrane_"),
+    ],
+)
+def test_options_that_petsc_refuses(options, message):
+    """One sentence; a membrane's options have no place in a case."""
+    with pytest.raises(InputError, match=message):
+        LinearSolver(diagonal_matrix(1.0), extra=options, prefix="membrane_")
+
+
 def test_own_prefix():
     """Solvers of other equations listen to other options."""
     database = PETSc.Options()

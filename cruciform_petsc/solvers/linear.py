@@ -130,6 +130,7 @@ def set_from_options(
     Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
     """
     database = PETSc.Options(prefix)
+    source = "solver.options or the command line" if prefix == PREFIX else "the command line"
     for name, kind in (("snes_type", PETSc.SNES), ("ksp_type", PETSc.KSP), ("pc_type", PETSc.PC)):
         given = database.getString(name, str(options.get(name, "")))
         if not given or (kind is PETSc.SNES and not isinstance(solver, PETSc.SNES)):
@@ -140,8 +141,8 @@ def set_from_options(
         except PETSc.Error as error:
             known = {"snes_type": "newtonls", "ksp_type": "cg", "pc_type": "cholesky"}[name]
             raise InputError(
-                f"the PETSc option {name} (of solver.options, or -{prefix}{name} on the command "
-                f"line) is '{given}', which this PETSc does not have; '{known}' would do"
+                f"-{prefix}{name} (from {source}) is '{given}', which this PETSc does not have: "
+                f"'{known}' would do"
             ) from error
         finally:
             probe.destroy()
@@ -149,8 +150,8 @@ def set_from_options(
         solver.setFromOptions()
     except PETSc.Error as error:
         raise InputError(
-            f"PETSc does not understand one of the solver's options (of solver.options, or "
-            f"-{prefix}... on the command line; PETSc error {error.ierr}): correct or leave it out"
+            f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
+            f"{error.ierr}): correct it or leave it out"
         ) from error
 
 
