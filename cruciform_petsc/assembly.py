@@ -15,7 +15,7 @@ from .elements import bending, shear, tension
 from .elements.kinematics import DISPLACEMENTS, arm_rows, condense, with_rotations
 from .errors import InputError
 from .pattern import BlockPattern, Layout
-from .supports import Supports, find_supports
+from .supports import Supports, find_supports, pass_on_loads
 
 MODES = ("tension", "shear", "bending")
 
@@ -66,7 +66,7 @@ class LinearNetwork:
         self.unknowns_per_node = 3 if self.bending else 2
         self.supports: Supports = find_supports(constraints)
         self.length_scale = float(self.network.pitch.mean())
-        self.force = self._pass_on(constraints.force)
+        self.force = pass_on_loads(constraints, self.supports)
         self.groups = [self._regular_group(), self._boundary_group()]
         self._condensed: dict[tuple[str, ...], list] = {}
         self.free = self.supports.active & ~constraints.fixed
@@ -155,24 +155,6 @@ class LinearNetwork:
         _tie_hinge_rows(tie, tied_rows, hinge_slot[tied_rows], d)
         load = tie[:, 0]
         return _Group(rows, strain, rotation, area, parts, turn, hinge_slot, load)
-
-    def _pass_on(self, force: np.ndarray) -> np.ndarray:
-        """Loads with those on crossovers that carry nothing moved to the ends they hang on."""
-        network, round_ = self.network, self.supports.round_
-        force = force.copy()
-        for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
-            onward = np.zeros(network.num_nodes_local, bool)
-            onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
-            network.exchange.forward(network.exchange.reverse(onward, np.logical_or))
-            change = np.zeros_like(force)
-            for e in np.flatnonzero(round_ == number):  # a handful, at sharp corners
-                nodes = np.unique(network.arm_node[e])
-                joint, loose = nodes[onward[nodes]], nodes[~onward[nodes]]
-                if len(joint):
-                    change[joint[0]] += force[loose].sum(axis=0)
-                    change[loose] -= force[loose]
-            force += network.exchange.forward(network.exchange.reverse(change))
-        return force
 
     def _condense(self, modes: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(stiffness on node unknowns, recovery of the hinge) of each group, cached."""

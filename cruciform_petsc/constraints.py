@@ -39,6 +39,8 @@ class Constraints:
         Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
     tied : bool (n_local,)
         The first displacement is one common unknown of all tied nodes.
+    guided : bool (n_local,)
+        The first displacement is prescribed, by a guide.
     force : float (n_local, 2)
         Loads in the yarn frame, N; complete on every rank that has the node.
     """
@@ -52,6 +54,7 @@ class Constraints:
         self.held = np.zeros(n, bool)
         self.held_arm = np.zeros((n, 4), bool)
         self.tied = np.zeros(n, bool)
+        self.guided = np.zeros(n, bool)
         self.force = np.zeros((n, 2))
 
     def nodes_on(self, edge: str) -> np.ndarray:
@@ -83,6 +86,8 @@ class Constraints:
         """
         nodes = self.nodes_on(edge)
         self.fixed[nodes] = True
+        self.frame[nodes] = np.eye(2)  # also where another edge had turned it
+        self.tied[nodes] = False
         self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
         self._hold(edge, nodes)
         return nodes
@@ -101,11 +106,22 @@ class Constraints:
     def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
         """Move an edge along a direction (x, y) by metres, free across it. Collective.
 
-        Nodes that are clamped already stay so. Returns the local nodes.
+        Nodes that are clamped already stay so; those that are guided along another direction,
+        too, are held in both by the two displacements. Returns the local nodes.
         """
+        nodes = self.nodes_on(edge)
+        guided = np.intersect1d(nodes, np.flatnonzero(self.guided & ~self.held))
+        before, moved = self.frame[guided, 0], self.value[guided, 0]
         nodes = self._turn(edge, direction)
-        self.fixed[nodes, 0] = True
+        self.fixed[nodes, 0] = self.guided[nodes] = True
         self.value[nodes, 0] = displacement
+        along, across = self.frame[guided, 0], self.frame[guided, 1]
+        sine = (before * across).sum(axis=1)  # of the angle from this direction to that one
+        other = abs(sine) > 1e-9
+        both, sine = guided[other], sine[other]
+        cosine = (before * along).sum(axis=1)[other]
+        self.fixed[both, 1] = True
+        self.value[both, 1] = (moved[other] - cosine * displacement) / sine
         return nodes
 
     def tie(self, edge: str, direction, gripped: bool) -> np.ndarray:

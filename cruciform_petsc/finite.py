@@ -24,7 +24,7 @@ from .exchange import GhostExchange
 from .lattice import ARM_STEP, OPPOSITE, QUADRANTS
 from .network import Network, pack_key
 from .pattern import BlockPattern
-from .supports import Supports, find_supports
+from .supports import Supports, find_supports, pass_on_loads
 
 MODES = ("tension", "shear", "bending")
 # Elements worked on at a time: their matrices stay in the processor's cache until they are added.
@@ -182,7 +182,7 @@ class FiniteNetwork:
         self._turned = np.flatnonzero((self.frame != np.eye(2)).any(axis=(1, 2)))
         self.load = np.zeros((nodes.num_nodes_local, 2))
         self.load[nodes.of_network_node] = np.einsum(
-            "nij,nj->ni", constraints.frame, constraints.force
+            "nij,nj->ni", constraints.frame, pass_on_loads(constraints, self.supports)
         )
         nodes.exchange.forward(self.load)
         self.load[~self.active] = 0.0

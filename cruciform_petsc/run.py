@@ -38,7 +38,6 @@ from .output.folder import remove_results
 from .output.progress import Route, progress_bar
 from .output.report import write_report
 from .provenance import file_notes, provenance, versions
-from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
 
@@ -564,7 +563,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         if name not in ("load_N", "extension_mm") and not name.startswith("energy_"):
             summary.setdefault(name.lower(), _values(case, column))
     summary |= experiment.figures(result)
-    summary["solver"] = _solver(case, result)
+    summary["solver"] = _solver(result)
     if result.increments:
         summary["increments"] = _told_increments(result.increments)
         summary["newton_iterations_per_increment"] = float(
@@ -582,7 +581,12 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
     return summary
 
 
-def _solver(case: Case, result: TestResult) -> dict[str, Any]:
+def _all_stable(found: list[bool | None]) -> bool | None:
+    """Whether all states are stable; None if that is not known of each."""
+    return None if None in found else all(found)
+
+
+def _solver(result: TestResult) -> dict[str, Any]:
     """How the systems were solved: the linear one, or those of all Newton iterations together."""
     if result.solver is not None:
         return {
@@ -594,18 +598,8 @@ def _solver(case: Case, result: TestResult) -> dict[str, Any]:
             "setup_s": result.solver.setup_s,
             "solution_s": result.solver.solution_s,
         }
-    from petsc4py import PETSc
-
-    chosen: dict[str, Any] = {"snes_type": "newtonls"}
-    chosen |= DIRECT if result.unknowns <= DIRECT_LIMIT else ITERATIVE
-    chosen |= case.solver.options
-    database = PETSc.Options(PREFIX)  # type: ignore[attr-defined]
-    types = {
-        name: database.getString(f"{name}_type", str(chosen[f"{name}_type"]))
-        for name in ("snes", "ksp", "pc")
-    }
     return {
-        **types,
+        **result.solver_types,
         "newton_iterations": sum(increment.iterations for increment in result.increments),
         "iterations": sum(increment.linear_iterations for increment in result.increments),
     }
@@ -717,7 +711,7 @@ def _compare_finite(case, stages: Stages, result, summary, directory: Path) -> l
         columns["newton_iterations"] = [membrane.newton_iterations for membrane in membranes]
         summary["continuum"] = {name: _values(case, column) for name, column in columns.items()} | {
             "second_gradient": case.second_gradient,
-            "stable": all(membrane.stable for membrane in membranes),
+            "stable": _all_stable([membrane.stable for membrane in membranes]),
             "dofs": membranes[-1].dofs,
             "cells": membranes[-1].cells,
             "mesh_size_m": membranes[-1].size,

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -108,6 +109,28 @@ def find_supports(constraints: Constraints) -> Supports:
     network.exchange.reverse(active, np.logical_or)
     network.exchange.forward(active)
     return Supports(carrying, round_, source, rotation_source, area, slaved, active)
+
+
+def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
+    """Loads with those on crossovers that carry nothing moved to the arm ends they hang on.
+
+    Collective. Returns float (n_local, 2), yarn frame, N; complete on every rank that has the node.
+    """
+    network, round_ = constraints.network, supports.round_
+    force = constraints.force.copy()
+    for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
+        onward = np.zeros(network.num_nodes_local, bool)
+        onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
+        network.exchange.forward(network.exchange.reverse(onward, np.logical_or))
+        change = np.zeros_like(force)
+        for e in np.flatnonzero(round_ == number):  # a handful, at sharp corners
+            nodes = np.unique(network.arm_node[e])
+            joint, loose = nodes[onward[nodes]], nodes[~onward[nodes]]
+            if len(joint):
+                change[joint[0]] += force[loose].sum(axis=0)
+                change[loose] -= force[loose]
+        force += network.exchange.forward(network.exchange.reverse(change))
+    return force
 
 
 def _leave_out_hanging(constraints: Constraints):

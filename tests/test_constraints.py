@@ -146,6 +146,48 @@ def test_clamped_nodes_stay_clamped():
     assert constraints.tied.sum() == len(tied)
 
 
+def moved(constraints, nodes):
+    """Prescribed displacement of nodes along x and y, m."""
+    yarn = np.einsum("nji,nj->ni", constraints.frame[nodes], constraints.value[nodes, :2])
+    return yarn @ constraints.network.preform.rotation
+
+
+def test_clamp_after_guide():
+    """A corner that is guided before it is clamped moves with the clamp, as the other way round."""
+    constraints = constrained(diagonals(4, 6))
+    constraints.guide("left", (1.0, 0.3), 0.001)
+    nodes = constraints.clamp("lower", (0.002, -0.003))
+    np.testing.assert_allclose(moved(constraints, nodes), [[0.002, -0.003]] * len(nodes))
+    assert constraints.fixed[nodes].all()
+
+
+@pytest.mark.parametrize("second", [(1.0, 0.0), (0.6, 0.8)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_guides_that_meet(second, turned):
+    """A corner obeys both, in whatever order; the rest of an edge its own only."""
+    constraints = constrained(diagonals(4, 6))
+    guides = [("lower", (0.0, 1.0), 0.002), ("left", second, 0.001)]
+    nodes = [constraints.guide(*guide) for guide in (guides[::-1] if turned else guides)]
+    corner = np.intersect1d(*nodes)
+    assert len(corner)
+    assert constraints.fixed[corner].all()
+    for _, direction, displacement in guides:
+        along = moved(constraints, corner) @ direction
+        np.testing.assert_allclose(along, displacement, rtol=1e-12)
+    for of_edge in nodes:
+        rest = np.setdiff1d(of_edge, corner)
+        assert constraints.fixed[rest, :2].tolist() == [[True, False]] * len(rest)
+
+
+def test_guided_twice_along_one_direction():
+    """Nothing across it is held."""
+    constraints = constrained(diagonals(4, 6))
+    lower = constraints.guide("lower", (0.0, 1.0), 0.002)
+    left = constraints.guide("left", (0.0, -1.0), -0.002)
+    assert len(np.intersect1d(lower, left))
+    assert constraints.fixed.sum() == len(np.union1d(lower, left))
+
+
 def test_pin():
     """Single components of one node by its key; a key of no node here does nothing."""
     constraints = constrained(diagonals(4, 6), bending=True)

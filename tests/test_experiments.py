@@ -17,6 +17,7 @@ from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.network import Network
 from cruciform_petsc.preform import Preform
+from cruciform_petsc.run import _all_stable, _solver
 
 DEGREE = np.pi / 180
 
@@ -226,6 +227,7 @@ def test_half_a_specimen():
         (lambda: BiasExtension(network(BIAS), "0 mm"), "nothing would happen"),
         (lambda: BiasExtension(network(BIAS), []), "at least one value"),
         (lambda: BiasExtension(network(BIAS), "1 mm", increments=0), "increments must be 1"),
+        (lambda: BiasExtension(network(BIAS), "1 mm", increments=np.nan), "whole number, got nan"),
         (lambda: OffAxisTension(network(BIAS), "1 mm", ends="loose"), "ends is 'loose'"),
         (lambda: PictureFrame(network(ALONG), "90 deg"), "less than 90 deg"),
         (lambda: PictureFrame(network(BIAS), "10 deg"), "yarns along its sides"),
@@ -247,6 +249,39 @@ def test_bad_input_is_one_sentence(make, message):
     text = str(caught.value)
     assert "\n" not in text
     assert len(text) < 200
+
+
+@FINITE
+def test_no_membrane_with_free_ends(finite):
+    """The membrane is gripped: it is not what to compare with."""
+    result = OffAxisTension(network(BIAS), "0.1 mm", ends="free", finite=finite).solve()
+    with pytest.raises(InputError, match="no membrane with free ends"):
+        result.compare_with_membrane()
+    if finite:
+        with pytest.raises(InputError, match="no membrane with free ends"):
+            result.experiment.finite_membranes(result)
+
+
+@pytest.mark.parametrize(
+    ("options", "types"),
+    [
+        ({}, ("preonly", "cholesky")),
+        ({"pc_type": "mg"}, ("cg", "mg")),
+        ({"pc_type": "gamg", "ksp_type": "fgmres"}, ("fgmres", "gamg")),
+    ],
+)
+def test_solver_types_are_told(options, types):
+    """Those that were used, whatever the number of unknowns would have called for."""
+    result = BiasExtension(network(BIAS), "0.1 mm", finite=True, options=options).solve()
+    assert result.solver_types == {"snes": "newtonls", "ksp": types[0], "pc": types[1]}
+    assert result.solver_types.items() <= _solver(result).items()
+
+
+def test_stable_if_all_are():
+    """What is not known is not unstable."""
+    assert _all_stable([True, True]) is True
+    assert _all_stable([True, False]) is False
+    assert _all_stable([None, True]) is None
 
 
 def _unbent():

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from helpers import DIAGONAL, PITCH, TABLE_1, UNEVEN, dense, diagonals, l_shape, pins
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from cruciform_petsc import potential
 from cruciform_petsc.assembly import LinearNetwork
 from cruciform_petsc.constraints import Constraints
 from cruciform_petsc.elements.kinematics import HELD
+from cruciform_petsc.errors import InputError, SolverError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
@@ -21,8 +23,11 @@ from cruciform_petsc.fabric import Fabric, YarnFamily
 from cruciform_petsc.finite import FiniteNetwork
 from cruciform_petsc.network import Network
 from cruciform_petsc.preform import Preform
-from cruciform_petsc.solvers import nonlinear
+from cruciform_petsc.solvers import finite_multigrid, nonlinear
+from cruciform_petsc.solvers.linear import PREFIX, petsc_options
+from cruciform_petsc.solvers.multigrid import hierarchy
 from cruciform_petsc.solvers.nonlinear import Equilibrium, EquilibriumError, follow
+from cruciform_petsc.solvers.yarns import YarnSmoother
 
 BENDING = pytest.mark.parametrize("bending", [False, True], ids=["flat", "bending"])
 DEGREE = np.pi / 180
@@ -894,3 +899,88 @@ def test_states_keep_their_fields():
     late, early = result.states[1].fields, result.states[0].fields
     for fields, angle in ((early, 10 * DEGREE), (late, 20 * DEGREE)):
         np.testing.assert_allclose(fields["shear_angle"], angle, atol=1e-7)
+
+
+def test_no_dead_load_is_lost():
+    """The clamp bears all of it, with that on corner tips which carry nothing."""
+    for finite in (False, True):
+        result = Cantilever(network(diagonals(4, 6)), "1 mN", finite=finite).solve()
+        assert result.supports.num_hanging
+        np.testing.assert_allclose(result.states[-1].forces["lower"], [-1e-3, 0.0], atol=1e-9)
+
+
+# -- PETSc's options and errors -----------------------------------------------------------------
+
+
+def test_options_reach_the_multigrid(monkeypatch):
+    """Levels are made during the solution; small and finite take the same sweeps."""
+    sweeps = []
+    attach = YarnSmoother.attach
+
+    def noted(self, pc, level, number):
+        sweeps.append(number)
+        attach(self, pc, level, number)
+
+    monkeypatch.setattr(YarnSmoother, "attach", noted)
+    options = {"pc_type": "mg", "mg_yarn_sweeps": 7}
+    made = network(Preform.rectangle("8 cm", "16 cm"))
+    for finite in (False, True):
+        BiasExtension(made, 1e-4, finite=finite, bending=False, options=options).solve()
+        assert set(sweeps) == {7}
+        sweeps.clear()
+    assert not [name for name in PETSc.Options().getAll() if name.startswith(PREFIX)]
+
+
+def test_options_reach_the_levels_of_gamg():
+    """The smoother of ITERATIVE, or the case's, and not PETSc's own."""
+    finite = Model(diagonals(8, 12, refine=2)).finite
+    for options, wanted in (({}, "bjacobi"), ({"mg_levels_pc_type": "sor"}, "sor")):
+        equilibrium = Equilibrium(finite, {"pc_type": "gamg", **options})
+        equilibrium.tangent_step(np.zeros_like(equilibrium.x))
+        pc = equilibrium.snes.ksp.getPC()
+        levels = pc.getMGLevels()
+        assert levels > 1
+        assert pc.getMGSmoother(levels - 1).getPC().getType() == wanted
+        equilibrium.destroy()
+
+
+@pytest.mark.parametrize("finite", [False, True])
+@pytest.mark.parametrize("name", ["ksp_type", "pc_type", "snes_type"])
+def test_types_that_petsc_does_not_have(name, finite):
+    """From the case and from the command line: told with what it is and where it may be."""
+    if name == "snes_type" and not finite:
+        return
+    made = network(diagonals(4, 6))
+    with pytest.raises(InputError, match=f"-cruciform_{name} .*'foo'"):
+        BiasExtension(made, 1e-4, finite=finite, bending=False, options={name: "foo"}).solve()
+    with (
+        petsc_options(PREFIX, {name: "foo"}),
+        pytest.raises(InputError, match=f"-cruciform_{name}"),
+    ):
+        BiasExtension(made, 1e-4, finite=finite, bending=False).solve()
+
+
+def test_preconditioner_that_fails_within_snes(monkeypatch):
+    """Once: the increment is cut; always: an EquilibriumError with the words of the first one."""
+    calls = []
+
+    def failing(*args):
+        calls.append(None)
+        if len(calls) in fails:
+            raise SolverError("levels fell over", "SETUP")
+        return hierarchy(*args)
+
+    monkeypatch.setattr(finite_multigrid, "hierarchy", failing)
+    fails = {3}
+    made = network(Preform.rectangle("8 cm", "16 cm"))
+
+    def solved():
+        options = {"pc_type": "mg"}
+        return BiasExtension(made, 1e-3, finite=True, bending=False, options=options).solve()
+
+    result = solved()
+    assert sum(increment.cuts for increment in result.increments) == 1
+    assert result.load == pytest.approx(solved().load, rel=1e-7)
+    fails, calls[:] = range(10_000), []
+    with pytest.raises(EquilibriumError, match="levels fell over"):
+        solved()

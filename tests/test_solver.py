@@ -23,6 +23,7 @@ from petsc4py import PETSc
 from cruciform_petsc.assembly import LinearNetwork
 from cruciform_petsc.constraints import Constraints
 from cruciform_petsc.errors import InputError, SolverError
+from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.network import Network
 from cruciform_petsc.preform import Preform
 from cruciform_petsc.solvers.linear import (
@@ -224,6 +225,38 @@ def test_asking_for_another_preconditioner_brings_cg():
     assert LinearSolver(matrix).ksp.getType() == "preonly"
     assert LinearSolver(matrix, extra={"pc_type": "gamg"}).ksp.getType() == "cg"
     assert LinearSolver(matrix, extra={"pc_type": "lu"}).ksp.getType() == "preonly"
+
+
+def test_gamg_knows_the_turning_squares(monkeypatch):
+    """32 iterations; 58 with the rigid motions only. Nobody else asks for them."""
+    calls = []
+    soft_motions = LinearNetwork.soft_motions
+
+    def noted(self):
+        calls.append(None)
+        return soft_motions(self)
+
+    monkeypatch.setattr(LinearNetwork, "soft_motions", noted)
+    network = Network(MPI.COMM_SELF, Preform.rectangle("8 cm", "16 cm", refine=2), TABLE_1)
+    iterations = {}
+    for pc in ("cholesky", "mg", "gamg"):
+        test = BiasExtension(network, "1 mm", bending=False, options={"pc_type": pc})
+        iterations[pc] = test.solve().solver.iterations
+        assert len(calls) == (pc == "gamg")
+    assert iterations["gamg"] < 45
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pc_type": "foo"}, "-membrane_pc_type .from the command line. is 'foo'"),
+        ({"pc_type": "jacobi", "ksp_rtol": "foo"}, "does not accept one of the options -membrane_"),
+    ],
+)
+def test_options_that_petsc_refuses(options, message):
+    """One sentence; a membrane's options have no place in a case."""
+    with pytest.raises(InputError, match=message):
+        LinearSolver(diagonal_matrix(1.0), extra=options, prefix="membrane_")
 
 
 def test_own_prefix():

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,6 +54,11 @@ class Grip:
 
     edge: str
     nodes: np.ndarray
+
+
+def _columns(motions: np.ndarray) -> np.ndarray:
+    """Motions (n, d, m) of n nodes as columns over their unknowns, (n d, m)."""
+    return motions.reshape(-1, motions.shape[2])
 
 
 class Experiment:
@@ -107,8 +113,8 @@ class Experiment:
                     f"bending is on but the fabric's {family} yarns have no bending rigidity: give "
                     "them one or set bending = false"
                 )
-        if increments is not None and increments < 1:
-            raise InputError(f"increments must be 1 or more, got {increments}")
+        if increments is not None and not (isinstance(increments, Integral) and increments >= 1):
+            raise InputError(f"increments must be 1 or more, a whole number, got {increments}")
         self.network, self.bending, self.finite = network, bending, finite
         self.increments, self.options = increments, options or {}
         check_memory(
@@ -235,11 +241,12 @@ class Experiment:
         right = linear.loads() - linear.element_forces(prescribed)
         right[~linear.free] = 0.0
         rhs = linear.vector(right)
-        near_null = linear.rigid_motions()
-        near_null[~linear.free] = 0.0
-        owned = near_null[: network.num_nodes_owned].reshape(-1, 3)
+        owned = slice(0, network.num_nodes_owned)
         solver = LinearSolver(
-            matrix, owned, extra=self.options, multigrid=partial(yarn_multigrid, linear)
+            matrix,
+            lambda: _columns(linear.soft_motions()[owned]),
+            extra=self.options,
+            multigrid=partial(yarn_multigrid, linear),
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)
@@ -247,9 +254,8 @@ class Experiment:
         state = State(reference, 0.0, fields, linear.node_displacement(local, fields))
         force = linear.element_forces(local)[:, :2]
         force = np.einsum("nji,nj->ni", constraints.frame, force) @ network.preform.rotation
-        mine = slice(0, network.num_nodes_owned)
         # A load that is itself the control works on the nodes it acts on.
-        work = float((force[mine] * velocity[mine]).sum()) / reference
+        work = float((force[owned] * velocity[owned]).sum()) / reference
         state.load = self.load_of(network.comm.allreduce(work), reference)
         state.forces = self._edge_forces(grips, force)
         solver.destroy()
@@ -292,6 +298,7 @@ class Experiment:
             return self._motions(grips, control), self.load_factor(control)
 
         path = Path(equilibrium, drive)
+        types = equilibrium.types()
 
         def accepted(increment: Increment, x: np.ndarray) -> None:
             state = self._state(model, equilibrium, grips, increment.control)
@@ -309,7 +316,7 @@ class Experiment:
         def result() -> TestResult:
             return TestResult(
                 self, model.supports, 2, states, increments=done,
-                unknowns=2 * model.nodes.num_nodes_global,
+                unknowns=2 * model.nodes.num_nodes_global, solver_types=types,
             )  # fmt: skip
 
         try:

@@ -50,10 +50,6 @@ class Biaxial(Experiment):
         for edge, direction in (("lower", (0, 1)), ("upper", (0, 1)), ("left", (1, 0)),
                                 ("right", (1, 0))):  # fmt: skip
             grips.append(Grip(edge, constraints.guide(edge, direction, 0.0)))
-        count = np.zeros(self.network.num_nodes_local, int)
-        for grip in grips:
-            count[grip.nodes] += 1
-        constraints.fixed[count > 1, :2] = True
         return grips
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:

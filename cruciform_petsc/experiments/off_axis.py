@@ -67,6 +67,20 @@ class OffAxisTension(BiasExtension):
         constraints.pin(best[1], (1,))
         return grips
 
+    def membrane(self, result: TestResult, size: float | None = None) -> Any:
+        """The membrane under the last extension (dolfinx); for gripped ends. Collective."""
+        self._refuse_free_ends()
+        return super().membrane(result, size)
+
+    def finite_membranes(self, result: TestResult, size: float | None = None) -> list:
+        """The hyperelastic membrane at every state; for gripped ends. Collective."""
+        self._refuse_free_ends()
+        return super().finite_membranes(result, size)
+
+    def _refuse_free_ends(self) -> None:
+        if self.ends == "free":
+            raise InputError("there is no membrane with free ends to compare with: ends = 'grip'")
+
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Mean strain and stress over the strip: its curve apart from its size."""
         low_x, low_y, high_x, high_y = self.network.preform.outline.bounds

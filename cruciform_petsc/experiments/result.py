@@ -103,6 +103,8 @@ class TestResult:
         Of finite deformation: all that were accepted.
     unknowns : int
         Of finite deformation.
+    solver_types : dict
+        Of finite deformation: PETSc's types by "snes", "ksp" and "pc"; see Equilibrium.types.
     uncarried : dict or None
         For the paper's separate systems: share of the load that each mode cannot carry.
     """
@@ -116,6 +118,7 @@ class TestResult:
     solver: SolverInfo | None = None
     increments: list[Increment] = field(default_factory=list)
     unknowns: int = 0
+    solver_types: dict[str, str] = field(default_factory=dict)
     uncarried: dict[str, float] | None = None
 
     def __repr__(self) -> str:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from ..errors import SolverError
 from ..finite import FiniteNetwork
 from .linear import LinearSolver
 from .multigrid import Unknowns, hierarchy
@@ -60,23 +61,37 @@ def unknowns_of(model: FiniteNetwork) -> Unknowns:
 
 
 class TangentMultigrid:
-    """Preconditioner of type python: a cycle of the yarn multigrid, made anew for each tangent."""
+    """Preconditioner of type python: a cycle of the yarn multigrid, made anew for each tangent.
+
+    Levels are set up by what is in the options database then.
+
+    Attributes
+    ----------
+    error : SolverError or None
+        Why the last set-up failed; on its way through PETSc an exception may lose its words.
+    """
 
     def __init__(self, model: FiniteNetwork, prefix: str):
         self.partition, self.prefix = model.network.partition, prefix
         self.unknowns = unknowns_of(model)
         self._solver: LinearSolver | None = None
+        self.error: SolverError | None = None
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Coarse levels and smoother for the matrix that the preconditioner has now."""
         self.free()
         matrix, _ = pc.getOperators()
-        self._solver = LinearSolver(
-            matrix,
-            extra={"pc_type": "mg"},
-            prefix=self.prefix,
-            multigrid=lambda of: hierarchy(of, self.partition, self.unknowns),
-        )
+        self.error = None
+        try:
+            self._solver = LinearSolver(
+                matrix,
+                extra={"pc_type": "mg"},
+                prefix=self.prefix,
+                multigrid=lambda of: hierarchy(of, self.partition, self.unknowns),
+            )
+        except SolverError as error:
+            self.error = error
+            raise
 
     def apply(self, _pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """One cycle."""

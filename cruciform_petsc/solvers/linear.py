@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from ..errors import SolverError
+from ..errors import InputError, SolverError
 
 PREFIX = "cruciform_"
 # Up to here a sparse Cholesky factorisation is faster than any general iteration (planar graphs
@@ -122,6 +122,39 @@ def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
             database.delValue(name)
 
 
+def set_from_options(
+    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object]
+) -> None:
+    """Set a solver up from the options database, in which the options are by now. Collective.
+
+    Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
+    """
+    database = PETSc.Options(prefix)
+    source = "solver.options or the command line" if prefix == PREFIX else "the command line"
+    for name, kind in (("snes_type", PETSc.SNES), ("ksp_type", PETSc.KSP), ("pc_type", PETSc.PC)):
+        given = database.getString(name, str(options.get(name, "")))
+        if not given or (kind is PETSc.SNES and not isinstance(solver, PETSc.SNES)):
+            continue
+        probe = kind().create(PETSc.COMM_SELF)
+        try:
+            probe.setType(given)
+        except PETSc.Error as error:
+            known = {"snes_type": "newtonls", "ksp_type": "cg", "pc_type": "cholesky"}[name]
+            raise InputError(
+                f"-{prefix}{name} (from {source}) is '{given}', which this PETSc does not have: "
+                f"'{known}' would do"
+            ) from error
+        finally:
+            probe.destroy()
+    try:
+        solver.setFromOptions()
+    except PETSc.Error as error:
+        raise InputError(
+            f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
+            f"{error.ierr}): correct it or leave it out"
+        ) from error
+
+
 def reason_name(reason: int) -> str:
     """PETSc's name of a converged (or diverged) reason."""
     for name, value in vars(PETSc.KSP.ConvergedReason).items():
@@ -136,8 +169,8 @@ class LinearSolver:
     Parameters
     ----------
     matrix : PETSc.Mat
-    near_null : float (n_owned_unknowns, m), optional
-        Motions that cost (nearly) no energy, for algebraic multigrid.
+    near_null : float (n_owned_unknowns, m) or callable that gives it, optional
+        Motions that cost (nearly) no energy; asked for by algebraic multigrid only.
     options : mapping, optional
         PETSc options under the prefix. By default: DIRECT for small systems, YARN_MULTIGRID (or
         ITERATIVE where there are no interpolations) for large ones.
@@ -153,7 +186,7 @@ class LinearSolver:
     def __init__(
         self,
         matrix: PETSc.Mat,
-        near_null: np.ndarray | None = None,
+        near_null: np.ndarray | Callable[[], np.ndarray] | None = None,
         options: Mapping[str, object] | None = None,
         extra: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
@@ -173,7 +206,8 @@ class LinearSolver:
         options = {**(options or {}), **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
-            space = near_null_space(near_null, matrix.comm.tompi4py())
+            columns = near_null() if callable(near_null) else near_null
+            space = near_null_space(columns, matrix.comm.tompi4py())
             matrix.setNearNullSpace(space)
             space.destroy()
         self.ksp = PETSc.KSP().create(matrix.comm)
@@ -186,7 +220,7 @@ class LinearSolver:
             # Coarse levels: incomplete factors that are cut between ranks take a second step.
             options.setdefault(_STEPS, 1 if matrix.comm.size == 1 else 2)
         with petsc_options(prefix, options):
-            self.ksp.setFromOptions()
+            set_from_options(self.ksp, prefix, options)
             if kind == "mg" and multigrid is not None:
                 self._attach(multigrid(matrix), prefix)
             try:

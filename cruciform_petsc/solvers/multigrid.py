@@ -121,7 +121,8 @@ def _contrast(matrix: PETSc.Mat) -> float:
     entries = abs(diagonal.getArray(readonly=True))[::stride]
     low, high = np.percentile(entries, (10, 90)) if len(entries) else (1.0, 1.0)
     diagonal.destroy()
-    return float(matrix.comm.tompi4py().allreduce(high / low, MPI.MAX))
+    contrast = high / low if low > 0.0 else np.inf
+    return float(matrix.comm.tompi4py().allreduce(contrast, MPI.MAX))
 
 
 def interpolations(linear: LinearNetwork, coarsest: int = COARSEST) -> list[PETSc.Mat]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +21,15 @@ from petsc4py import PETSc
 from ..errors import SolverError
 from ..finite import FiniteNetwork
 from .finite_multigrid import TangentMultigrid
-from .linear import DIRECT_LIMIT, ITERATIVE, PREFIX, near_null_space, petsc_options
+from .linear import (
+    DIRECT_LIMIT,
+    ITERATIVE,
+    PREFIX,
+    YARN_MULTIGRID,
+    near_null_space,
+    petsc_options,
+    set_from_options,
+)
 
 # Residual over the forces that the clamps and loads exert (norms over all unknowns). The load is
 # then right to the square of it, near enough: Newton's last step is quadratic.
@@ -156,20 +165,32 @@ class Equilibrium:
         self.snes.setMaxLinearSolveFailures(10**6)  # _before_step looks at each step
         self.snes.setTolerances(max_it=MAX_ITERATIONS)
         settings: dict[str, object] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
-        settings |= DIRECT if kind in ("cholesky", "lu") else ITERATIVE | {"ksp_rtol": STEP}
-        with petsc_options(prefix, {**settings, **options}):
-            self.snes.setFromOptions()
-            if kind in ("cholesky", "lu"):
-                # A factorisation asks for its options when it is first made, and not before.
-                self.snes.ksp.setOperators(self._matrix)
-                self.snes.ksp.setUp()
+        if kind in ("cholesky", "lu"):
+            settings |= DIRECT
+        else:
+            settings |= (YARN_MULTIGRID if kind == "mg" else ITERATIVE) | {"ksp_rtol": STEP}
+        self._prefix, self._settings = prefix, {**settings, **options}
+        with self._options():
+            set_from_options(self.snes, prefix, self._settings)
+        self._multigrid: TangentMultigrid | None = None
         if kind == "mg":
             pc = self.snes.ksp.getPC()
             pc.setType(PETSc.PC.Type.PYTHON)
-            pc.setPythonContext(TangentMultigrid(model, prefix))
+            self._multigrid = TangentMultigrid(model, prefix)
+            pc.setPythonContext(self._multigrid)
         elif kind == "gamg":
             self._tell_rigid_motions()
         self.snes.ksp.setErrorIfNotConverged(False)
+
+    def types(self) -> dict[str, str]:
+        """PETSc's types of the solvers in use, by "snes", "ksp" and "pc"; the yarns' is an mg."""
+        ksp = self.snes.ksp
+        pc = "mg" if self._multigrid else ksp.getPC().getType()
+        return {"snes": self.snes.getType(), "ksp": ksp.getType(), "pc": pc}
+
+    def _options(self) -> AbstractContextManager[None]:
+        """Put the options into PETSc's database: factors and levels ask when they are made."""
+        return petsc_options(self._prefix, self._settings)
 
     def _tell_rigid_motions(self) -> None:
         """Give algebraic multigrid the motions that cost next to nothing."""
@@ -349,7 +370,11 @@ class Equilibrium:
         self._last, self.shifted, self._support = None, 0, 0.0
         self._before, self._merits = None, []
         self._vector.set(0.0)
-        self.snes.solve(None, self._vector)
+        try:
+            with self._options():
+                self.snes.solve(None, self._vector)
+        except (PETSc.Error, SolverError) as error:
+            raise self._failed(error) from error
         reason = self.snes.getConvergedReason()
         x = self._positions(self._vector)
         if reason <= 0:
@@ -408,8 +433,12 @@ class Equilibrium:
         right.setArray(np.where(model.free, -pushed, 0.0)[:owned].ravel())
         self.snes.ksp.setOperators(self._matrix)
         answer = self._vector.duplicate()
-        self.snes.setUp()
-        self.snes.ksp.solve(right, answer)
+        try:
+            with self._options():
+                self.snes.setUp()
+                self.snes.ksp.solve(right, answer)
+        except (PETSc.Error, SolverError) as error:
+            raise self._failed(error) from error
         if self.snes.ksp.getConvergedReason() < 0 and not np.isfinite(answer.norm()):
             answer.set(0.0)  # a guess only
         moved = change + model.local(answer)
@@ -417,6 +446,16 @@ class Equilibrium:
         right.destroy()
         answer.destroy()
         return model.from_axes(moved), model.from_axes(force)
+
+    def _failed(self, error: PETSc.Error | SolverError) -> EquilibriumError:
+        """What is raised for an error within PETSc or within what it calls. Collective."""
+        inner = self._multigrid and self._multigrid.error
+        what = inner or error
+        if isinstance(what, PETSc.Error):
+            what = f"PETSc error {what.ierr}"
+        return EquilibriumError(
+            f"the linear solver failed: {what}", "SETUP", self._history, self._worst()
+        )
 
     def _worst(self) -> np.ndarray | None:
         """Place at rest of the largest force out of balance, x and y. Collective."""

@@ -24,9 +24,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..csr import Halo, local_rows
+from ..errors import SolverError
 
 # The factors and couplings of the smoother are kept in single precision. Rounding them is the same
 # for both halves of a symmetric pair, and what it changes is one of many ways to precondition;
@@ -346,6 +348,8 @@ class _Local:
 class _Family:
     """One family's yarns: their factors, and their couplings to the other family.
 
+    If a joint's block is singular on this rank, ``schur`` is not finite.
+
     Parameters
     ----------
     line : int (n_local,), the yarn of each unknown, -1 for none
@@ -383,9 +387,8 @@ class _Family:
         self.start = _factor_pattern(n, inside, column, parent)
         self.column, factor = np.empty(self.start[-1], np.int32), np.empty(self.start[-1])
         inverse = np.empty(n)
-        self.bad_pivots = _factor(
-            n, inside, column, value, parent, self.start, self.column, factor, inverse
-        )
+        # Pivots that are not positive are replaced: the smoother of an indefinite tangent.
+        _factor(n, inside, column, value, parent, self.start, self.column, factor, inverse)
         self.inverse, self.factor = inverse.astype(_REAL), factor.astype(_REAL)
         for name in ("rows", "outer", "outer_column", "start", "column"):
             setattr(self, name, getattr(self, name).astype(_INDEX))
@@ -404,7 +407,10 @@ class _Family:
         local.halo.reverse(every)
         mine = np.unique(own // d)
         schur = every[mine * d]
-        self.schur = np.linalg.inv(0.5 * (schur + np.swapaxes(schur, 1, 2)))
+        try:
+            self.schur = np.linalg.inv(0.5 * (schur + np.swapaxes(schur, 1, 2)))
+        except np.linalg.LinAlgError:  # on this rank: YarnSmoother tells the others
+            self.schur = np.full_like(schur, np.nan)
         self.mine = (mine[:, None] * d + np.arange(d)).ravel()
         self.t = np.zeros(local.size)
 
@@ -458,6 +464,8 @@ class YarnSmoother:
         not split between yarns.
     lines : YarnLines
         Of the unknowns that this rank owns.
+
+    Raises SolverError on every rank if yarns cannot be joined where ranks meet.
     """
 
     def __init__(self, matrix: PETSc.Mat, lines: YarnLines):
@@ -496,6 +504,15 @@ class YarnSmoother:
             local.pointer = local.column = local.value = np.zeros(0)  # borrowed: forget them
         self.halo = halo
         self._x = np.zeros(local.size)
+        if halo is None:
+            return
+        if not comm.allreduce(all(np.isfinite(f.schur).all() for f in self.families), MPI.LAND):
+            self.free()
+            raise SolverError(
+                "the yarn multigrid finds yarns without stiffness where ranks meet: a part of the "
+                "preform may be free to move; try yarn bending or another pc_type",
+                "SETUP",
+            )
 
     def apply(self, b: np.ndarray, order: tuple[int, ...]) -> np.ndarray:
         """Solve the families in some order, from zero; returns x (n_owned,). Collective."""

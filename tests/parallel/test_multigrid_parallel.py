@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.assembly import LinearNetwork
 from cruciform_petsc.constraints import Constraints
 from cruciform_petsc.csr import Halo, local_rows, write_values
-from cruciform_petsc.solvers.multigrid import hierarchy, interpolations, unknowns_of
-from cruciform_petsc.solvers.yarns import YarnSmoother
+from cruciform_petsc.errors import SolverError
+from cruciform_petsc.solvers.multigrid import _contrast, hierarchy, interpolations, unknowns_of
+from cruciform_petsc.solvers.yarns import YarnLines, YarnSmoother
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
@@ -148,6 +150,34 @@ def test_a_family_is_solved_whole(family, bending, fabric):
     size = COMM.allreduce(float(abs(x).max()), MPI.MAX) * COMM.allreduce(matrix.norm(), MPI.MAX)
     assert abs(left).max(initial=0.0) < (1e-6 * size if COMM.size < 3 else np.inf)
     smoother.free()
+    matrix.destroy()
+
+
+@pytest.mark.three_ranks
+def test_yarns_that_cannot_be_joined():
+    """A singular joint is known on the lower of two ranks only: all raise, and none waits."""
+    matrix = PETSc.Mat().createAIJ(((1, None), (1, None)), nnz=2, comm=COMM)
+    matrix.setValue(COMM.rank, COMM.rank, 1.0)
+    if COMM.rank < 2 <= COMM.size:
+        matrix.setValue(COMM.rank, 1 - COMM.rank, 1.0)
+    matrix.assemble()
+    lines = YarnLines(np.array([[0, -1]], np.int32), np.array([[float(COMM.rank), 0.0]]), None)
+    if COMM.size == 1:
+        YarnSmoother(matrix, lines).free()
+    else:
+        with pytest.raises(SolverError, match="where ranks meet"):
+            YarnSmoother(matrix, lines)
+    matrix.destroy()
+
+
+def test_contrast_of_a_diagonal_with_zeros():
+    """Without a division by zero."""
+    matrix = PETSc.Mat().createAIJ(((10, None), (10, None)), nnz=1, comm=COMM)
+    for row in range(*matrix.getOwnershipRange()):
+        matrix.setValue(row, row, float(row % 2))
+    matrix.assemble()
+    with np.errstate(all="raise"):
+        assert _contrast(matrix) == np.inf
     matrix.destroy()
 
 
