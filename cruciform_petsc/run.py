@@ -41,6 +41,7 @@ from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
 
+SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 # Kinds whose edges do what the membrane's can be told to, and whose load it knows.
 COMPARED = ("bias-extension", "off-axis-tension", "pantograph")
@@ -402,7 +403,13 @@ def warnings(result: TestResult) -> list[str]:
     experiment, fabric = result.experiment, result.network.fabric
     comm = result.network.comm
     told = []
+    largest, last = float(result.shear_angles_max.max()), fabric.shear.last_point
     if not experiment.finite:
+        if np.rad2deg(largest) > SMALL_DEG:
+            told.append(
+                f"the shear angle reaches {np.rad2deg(largest):.1f} deg; small displacements hold "
+                f"to some {SMALL_DEG:g} deg (set test.finite = true)"
+            )
         laws = [
             what
             for what, law in (
@@ -419,7 +426,6 @@ def warnings(result: TestResult) -> list[str]:
                 f"{' and the '.join(laws)} (test.finite = true takes the laws)"
             )
         return told
-    largest, last = float(result.shear_angles_max.max()), fabric.shear.last_point
     if largest > last:
         told.append(
             f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
