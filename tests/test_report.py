@@ -18,6 +18,7 @@ from cruciform_petsc.cli import main
 from cruciform_petsc.compare import against_measured, compare, difference, loading, read_side
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
+from cruciform_petsc.output.report import _fabric
 from cruciform_petsc.run import run_case
 
 COMM = MPI.COMM_SELF
@@ -116,6 +117,14 @@ def test_page_shows_the_case_as_it_was_written(report):
     text = report.text()
     for expected in ("outline.rectangle [2.4 cm, 3.6 cm]", "[1 mm, 2 mm]", "520 N/cm", "45 deg"):
         assert expected in text
+
+
+def test_page_says_what_of_a_library_fabric_was_changed(report):
+    changed = made(fabric={"shear": {"modulus": "5 N/cm"}})
+    text = _fabric(changed)
+    assert "e-glass-plain-2.4, shear replaced" in text
+    assert "Changed in the case file: shear." in text
+    assert "Changed" not in report.text()
 
 
 def test_page_has_the_figures_of_the_summary(report, summary):

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..case import Case
-    from ..fabric import Fabric
 
 CAPTIONS = {
     "yarns.png": "Yarns before and after the test, coloured by shear angle.",
@@ -190,7 +189,7 @@ def page(
         _section("Values asked for", _curve_table(curve)),
         _section("Measured data", _measured(summary.get("measured"))),
         _section("Comparison with the continuum", _continuum(summary, curve)),
-        _section("Fabric", _fabric(case.fabric())),
+        _section("Fabric", _fabric(case)),
         _section("Case", _case(case)),
         _section("Sizes and times", _sizes(summary)),
         _section("Increments", _increments(summary, curve)),
@@ -369,7 +368,8 @@ def _continuum(summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]) -> s
     return f"<p>{escape(text)}</p>\n{_table(heads, rows)}{more}"
 
 
-def _fabric(fabric: Fabric) -> str:
+def _fabric(case: Case) -> str:
+    fabric = case.fabric()
     sides = (fabric.warp, fabric.weft)
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
@@ -390,8 +390,12 @@ def _fabric(fabric: Fabric) -> str:
         else f"Stiffness in compression: {fabric.compression:g} of that in tension."
     )
     words.append("Logarithmic strain of the yarns." if fabric.log_strain else "")
-    source = fabric.source
-    words.append(f"Source: {source}" if source else "")
+    given = case.fabric_table.model_dump(exclude_none=True)
+    if given.pop("use", None) and given:
+        words.append(f"Changed in the case file: {', '.join(given)}. Of the rest the source:")
+        words.append(fabric.source)
+    elif fabric.source:
+        words.append(f"Source: {fabric.source}")
     text = " ".join(word for word in words if word)
     return f"{_table([fabric.name, 'warp', 'weft'], rows)}<p>{escape(text)}</p>\n"
 
