@@ -33,9 +33,9 @@ from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
-from .output.figures import control_text
+from .output.figures import ROUNDING_N, control_text
 from .output.progress import Route, progress_bar
-from .output.report import write_report
+from .output.report import force_text, tension_text, write_report
 from .provenance import file_notes, provenance, versions
 from .solvers.linear import DIRECT, DIRECT_LIMIT, ITERATIVE, PREFIX
 from .solvers.nonlinear import EquilibriumError, Increment
@@ -563,6 +563,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         if name not in ("load_N", "extension_mm") and not name.startswith("energy_"):
             summary.setdefault(name.lower(), _values(case, column))
     summary |= experiment.figures(result)
+    summary["yarn_tension_max"] = _largest_tension(result)
     summary["solver"] = _solver(case, result)
     if result.increments:
         summary["increments"] = _told_increments(result.increments)
@@ -579,6 +580,31 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
     if result.uncarried is not None:
         summary["uncarried_share_of_load"] = result.uncarried
     return summary
+
+
+def _largest_tension(result: TestResult) -> dict[str, Any]:
+    """Largest tension of a yarn in the last state, and where (at rest). Collective.
+
+    No place if it is that large on more than half of the crossovers. Of several places the lowest,
+    whatever the ranks.
+    """
+    network, fields = result.network, result.fields
+    carrying = fields["carrying"]
+    place = network.crossover_position[carrying]
+    found: dict[str, Any] = {}
+    for family in ("warp", "weft"):
+        tension = fields[f"{family}_tension"][carrying] / getattr(network.fabric, family).yarns
+        largest = max(network.comm.allgather(float(tension.max(initial=-np.inf))))
+        if found and largest <= found["n"] * (1.0 + 1e-9):
+            continue
+        near = tension >= largest - 1e-6 * abs(largest)
+        count, of = network.comm.allreduce(np.array([near.sum(), len(near)]))
+        there = np.concatenate(network.comm.allgather(np.round(1e3 * place[near], 6)))
+        lowest = there[np.lexsort(there.T)[0]].tolist() if len(there) else None
+        found = {"n": largest, "family": family, "at_mm": lowest if 2 * count <= of else None}
+    if found["n"] < ROUNDING_N:
+        return {"n": 0.0, "family": "warp", "at_mm": None}
+    return found
 
 
 def _solver(case: Case, result: TestResult) -> dict[str, Any]:
@@ -783,20 +809,33 @@ def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Pat
     name, value, unit = control_text(experiment, result.states[-1].control).rsplit(" ", 2)
     if experiment.control != "load":
         log.info("%-13s %s %s", name, value, unit)
-    if name != "extension":
+    if experiment.kind == "cantilever":
+        log.info("tip deflection %s", format_si(last(summary["extension_m"]), "m"))
+    elif name != "extension":
         log.info("extension     %s", format_si(last(summary["extension_m"]), "m"))
-    log.info("load          %s", format_si(last(summary["load_n"]), "N"))
+    if experiment.kind == "biaxial":  # its load is no force of the test but does the work of both
+        for family in ("warp", "weft"):
+            log.info("%s force    %s", family, force_text(last(summary[f"force_{family}_n"])))
+    else:
+        log.info("load          %s", force_text(last(summary["load_n"])))
+    angles = [(last(summary["shear_centre_deg"]), "at the centre point")]
+    if np.isfinite(last(summary.get("shear_middle_deg", np.nan))):
+        angles.append((last(summary["shear_middle_deg"]), "median of the middle zone"))
+    angles.append((last(summary["shear_max_deg"]), "at most (absolute)"))
     log.info(
-        "shear angle   %.2f deg in the middle, %.2f deg at most",
-        round(last(summary["shear_centre_deg"]), 2) + 0.0,  # no -0.00
-        last(summary["shear_max_deg"]),
+        "shear angle   %s",
+        ", ".join(
+            f"{round(angle, 2) + 0.0:.2f} deg {where}" for angle, where in angles
+        ),  # no -0.00
     )
+    most = summary["yarn_tension_max"]
+    log.info("yarn tension  %s", tension_text(most))
     total = sum(last(value) for value in summary["energy_j"].values())
     log.info(
         "energy        %.4g mJ: %s",
         1e3 * total,
         ", ".join(
-            f"{mode} {100 * last(value) / (total or 1.0):.1f} %"
+            f"{mode} {round(100 * last(value) / (total or 1.0), 1) + 0.0:.1f} %"
             for mode, value in summary["energy_j"].items()
         ),
     )
