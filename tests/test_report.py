@@ -18,7 +18,7 @@ from cruciform_petsc.cli import main
 from cruciform_petsc.compare import against_measured, compare, difference, loading, read_side
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
-from cruciform_petsc.output.report import _curve_table, _fabric, _numbers, force_text
+from cruciform_petsc.output.report import _curve_table, _fabric, _numbers, _pictures, force_text
 from cruciform_petsc.run import run_case
 
 COMM = MPI.COMM_SELF
@@ -191,7 +191,7 @@ def test_every_other_kind(tmp_path, kind):
         "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
         "biaxial": (
             "tension warp (N/cm)", "weft force", "work-conjugate load (N)",
-            "Shear angle: uniform, 0\N{DEGREE SIGN}.",
+            "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
         ),
         "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
     }  # fmt: skip
@@ -200,6 +200,15 @@ def test_every_other_kind(tmp_path, kind):
     assert summary["yarn_tension_max"]["at_mm"] is None or kind == "cantilever"
     assert ("To know before use" in text) == bool(summary["warnings"])
     assert kind != "biaxial" or "stretched by up to 12 %" in text
+
+
+def test_pictures_are_two_in_a_row(tmp_path):
+    """Stages, four specimens side by side, have a row to themselves however high they are."""
+    for name in ("stages.png", "yarns.png"):
+        size = (900).to_bytes(4, "big")
+        (tmp_path / name).write_bytes(bytes(16) + size + size)
+    text = _pictures([(name, tmp_path / name) for name in ("yarns.png", "stages.png")], "")
+    assert re.findall('flex: 1 1 ([^"]*)', text) == ["100%", "min(100%, 420px)"]
 
 
 def test_rounding_is_told_as_zero(tmp_path):

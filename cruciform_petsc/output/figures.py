@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,9 +95,10 @@ def draw_all(
             pictures.shear_against_load(
                 comm,
                 file("shear_against_load.png"),
-                curve["load_N"],
+                curve["load_N"] / _load_unit(result.loads)[1],
                 curve["shear_centre_deg"],
                 curve["shear_max_deg"],
+                xlabel=f"load ({_load_unit(result.loads)[0]})",
                 title=title,
             )
         _draw_centre_line(file("centre_line.png"), result, without, membrane, title)
@@ -144,11 +146,32 @@ def plain_text(text: str) -> str:
 
 
 def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
-    """Draw the yarns before and after; returns what was drawn (rank 0). Collective."""
-    sample = _yarns(result)
-    clamps = _clamps(result, result.states[-1])
-    pictures.yarns_before_and_after(result.network.comm, path, sample, title, clamps=clamps)
+    """Draw the yarns before and after; returns what was drawn (rank 0). Collective.
+
+    Coloured by shear angle, of which a biaxial test has none: by the yarns' tension there.
+    """
+    comm, clamps = result.network.comm, _clamps(result, result.states[-1])
+    sample, label = _yarns(result), pictures.ANGLE_LABEL
+    if result.experiment.kind == "biaxial":
+        sample, label = _with_tension(result, sample), "tension (N per yarn)"
+    pictures.yarns_before_and_after(comm, path, sample, title, clamps=clamps, label=label)
     return sample
+
+
+def _with_tension(result: TestResult, sample: YarnSample | None) -> YarnSample | None:
+    """The sample with the tension of each family, N per yarn, for its shear angle. Collective."""
+    network, fields = result.network, result.fields
+    coloured = [
+        sample_yarns(
+            network, result.node_displacement, {**fields, "shear_angle": np.deg2rad(tension)}
+        )
+        for tension in _tension_values(result).values()
+    ]
+    if sample is None or coloured[0] is None or coloured[1] is None:
+        return None
+    warp, weft = coloured
+    both = np.where(sample.family == 0, warp.shear_angle_deg, weft.shear_angle_deg)
+    return replace(sample, shear_angle_deg=both)
 
 
 def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:

@@ -62,6 +62,7 @@ def yarns_before_and_after(
     *,
     clamps: Sequence[Clamp] = (),
     scale: float = 1.0,
+    label: str = ANGLE_LABEL,
 ) -> None:
     """Draw yarns before (thin, grey) and after, coloured by shear angle: the paper's figure 9b.
 
@@ -76,8 +77,10 @@ def yarns_before_and_after(
         Edges to draw as hatched bars, and how far each has moved.
     scale : float
         Exaggerates the displacement; said in the picture unless it is 1.
+    label : str
+        What the sample has for its shear angle.
     """
-    _draw_yarns(comm, path, [(title, sample, clamps)], scale)
+    _draw_yarns(comm, path, [(title, sample, clamps)], scale, label=label)
 
 
 def with_and_without_bending(
@@ -114,7 +117,15 @@ def stages(
     _draw_yarns(comm, path, panels, 1.0, before=False, heading=title)
 
 
-def _draw_yarns(comm, path, panels, scale: float, before: bool = True, heading: str = "") -> None:
+def _draw_yarns(
+    comm,
+    path,
+    panels,
+    scale: float,
+    before: bool = True,
+    heading: str = "",
+    label: str = ANGLE_LABEL,
+) -> None:
     def draw() -> Figure:
         drawn = [panel for panel in panels if panel[1] is not None]
         samples = [sample for _, sample, _ in drawn]
@@ -140,7 +151,7 @@ def _draw_yarns(comm, path, panels, scale: float, before: bool = True, heading: 
             for edge in clamped:
                 _add_clamp(axes, edge, bar)
             axes.set_title(title)
-        figure.colour_bar(-1, colours, ANGLE_LABEL)
+        figure.colour_bar(-1, colours, label)
         if heading:
             figure.heading(heading)
         every = max(sample.every for sample in samples)
@@ -233,8 +244,7 @@ def shear_maps(
         panels = _Panels(low, high, 1 if len(values) == 1 else 3, bar_after=len(values) - 1)
         for axes, (name, value) in zip(panels.axes, values.items(), strict=False):
             _add_map(axes, sample, value, shared)
-            if len(values) > 1:
-                axes.set_title(name[:1].upper() + name[1:])
+            axes.set_title(name[:1].upper() + name[1:] if len(values) > 1 else title)
         panels.colour_bar(len(values) - 1, shared, ANGLE_LABEL)
         if len(values) == 2:
             first, second = values.values()
@@ -242,7 +252,6 @@ def shear_maps(
             _add_map(panels.axes[2], sample, first - second, off)
             panels.axes[2].set_title(f"{names[0].capitalize()} minus {names[1]}")
             panels.colour_bar(2, off, "difference (°)")
-        if title:
             panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
         return panels.figure
 
@@ -317,6 +326,7 @@ def shear_against_load(
     shear_max_deg: Sequence[float] | np.ndarray | None = None,
     *,
     others: Curves | None = None,
+    xlabel: str = "load (N)",
     title: str = "",
 ) -> None:
     """Draw the shear angle against the load: the paper's figure 8.
@@ -329,13 +339,13 @@ def shear_against_load(
         Needed on rank 0 only.
     others : dict of (load_N, shear_deg)
         More curves by label, e.g. measured ones.
-    title : str
+    xlabel, title : str
     """
     curves = {"at the centre point": (load_N, shear_centre_deg)}
     if shear_max_deg is not None:
         curves["largest (absolute)"] = (load_N, shear_max_deg)
     curves = {label: from_origin(*curve) for label, curve in curves.items()}
-    labels = ("load (N)", ANGLE_LABEL)
+    labels = (xlabel, ANGLE_LABEL)
     _draw_curves(comm, path, curves | dict(others or {}), labels, title)
 
 

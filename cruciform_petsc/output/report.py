@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..case import Case
 
 CAPTIONS = {  # {at}: the last value asked for
-    "yarns.png": "Yarns before and after the test, coloured by shear angle.",
+    "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "scene.png": "The yarns in space {at}, coloured by shear angle; "
     "yarn cross-sections are illustrative.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
@@ -53,7 +53,7 @@ MAPS = (
     "tension_map.png",
     "with_and_without_bending.png",
 )
-WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves
+WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
 
@@ -302,7 +302,8 @@ def _specimen(
     uniform = "".join(
         f"<p>{escape(text)}</p>\n" for text in summary.get("uniform_maps", {}).values()
     )
-    return _pictures(maps, _at(curve)) + note + uniform
+    colour = "tension" if summary["kind"] == "biaxial" else "shear angle"
+    return _pictures(maps, _at(curve), colour) + note + uniform
 
 
 def _warnings(summary: Mapping[str, Any]) -> str:
@@ -323,22 +324,23 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
-def _pictures(pictures: Sequence[tuple[str, Path]], at: str) -> str:
+def _pictures(pictures: Sequence[tuple[str, Path]], at: str, colour: str = "shear angle") -> str:
     """Pictures two in a row, wide ones first and by themselves."""
     figures: list[tuple[bool, str]] = []
     for name, path in pictures:
         data = path.read_bytes()
         width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # PNG header
-        caption = escape(CAPTIONS[name].format(at=at))
+        caption = escape(CAPTIONS[name].format(at=at, colour=colour))
         ratio = width / height
-        basis = "100%" if ratio > WIDE else f"min(100%, {LEAST}px)"
+        wide = ratio > WIDE or name == "stages.png"
+        basis = "100%" if wide else f"min(100%, {LEAST}px)"
         text = (
             f'<figure style="flex: 1 1 {basis}">\n'
             f'<img alt="{caption}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{base64.b64encode(data).decode("ascii")}">\n'
             f"<figcaption>{caption}</figcaption>\n</figure>\n"
         )
-        figures.append((ratio <= WIDE, text))
+        figures.append((not wide, text))
     figures.sort(key=lambda pair: pair[0])
     body = "".join(text for _, text in figures)
     return f'<div class="pictures">\n{body}</div>\n' if body else ""
