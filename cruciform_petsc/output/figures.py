@@ -161,15 +161,14 @@ def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSam
 def _with_tension(result: TestResult, sample: YarnSample | None) -> YarnSample | None:
     """The sample with the tension of each family, N per yarn, for its shear angle. Collective."""
     network, fields = result.network, result.fields
-    coloured = [
+    warp, weft = (
         sample_yarns(
             network, result.node_displacement, {**fields, "shear_angle": np.deg2rad(tension)}
         )
         for tension in _tension_values(result).values()
-    ]
-    if sample is None or coloured[0] is None or coloured[1] is None:
+    )
+    if sample is None or warp is None or weft is None:
         return None
-    warp, weft = coloured
     both = np.where(sample.family == 0, warp.shear_angle_deg, weft.shear_angle_deg)
     return replace(sample, shear_angle_deg=both)
 

@@ -54,6 +54,7 @@ MAPS = (
     "with_and_without_bending.png",
 )
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
+CUT = ("bias-extension", "off-axis-tension", "pantograph")  # across the yarns
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
 
@@ -294,7 +295,7 @@ def _specimen(
     maps: Sequence[tuple[str, Path]], summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]
 ) -> str:
     note = ""
-    if "shear_middle_deg" in summary and any(name.endswith("_map.png") for name, _ in maps):
+    if summary["kind"] in CUT and any(name.endswith("_map.png") for name, _ in maps):
         note = (
             '<p class="small">Rims are jagged and maps striped because an edge holds whole yarns: '
             "which ones changes by one at a time, and their tails beyond it hang free.</p>\n"
