@@ -267,8 +267,8 @@ class Fabric:
         Examples
         --------
         >>> fabric = Fabric.from_library("e-glass-plain-2.4", {"shear": {"modulus": "2 N/cm"}})
-        >>> round(fabric.shear_modulus, 9), fabric.shear.name  # N/m
-        (200.0, 'linear')
+        >>> fabric.name, round(fabric.shear_modulus, 9), fabric.shear.name  # N/m
+        ('e-glass-plain-2.4, shear replaced', 200.0, 'linear')
         >>> fabric.warp.spacing == 1 / 240  # m
         True
         >>> Fabric.from_library("e-glas-plain-2.4")
@@ -281,7 +281,9 @@ class Fabric:
             hint = f'did you mean "{close[0]}"? ' if close else ""
             known = ", ".join(f'"{known}"' for known in library)
             raise InputError(f'there is no fabric "{name}" in the library ({hint}known: {known})')
-        return cls.from_table(name, library[name] | dict(changes or {}))
+        changes = dict(changes or {})
+        replaced = f", {' and '.join(changes)} replaced" if changes else ""
+        return cls.from_table(name + replaced, library[name] | changes)
 
     def with_shear_law(self, law: Potential) -> Fabric:
         """The same cloth with another law of shear; its modulus becomes the law's slope at rest."""
@@ -357,10 +359,16 @@ class Fabric:
         return 1.0 / (c2**2 / self.warp.modulus + s2**2 / self.weft.modulus + mixed * c2 * s2)
 
     def __repr__(self) -> str:
-        """Name and numbers with units; which laws are not straight lines."""
+        """Name and numbers with units; which laws are not straight lines, and where tables end."""
 
-        def modulus(value: float, law: Potential | None) -> str:
-            return format_si(value, "N/m") + ("" if law is None else f" at rest by a {law.name}")
+        def modulus(value: float, law: Potential | None, unit: str = "%") -> str:
+            if law is None:
+                return format_si(value, "N/m")
+            told = f"{format_si(value, 'N/m')} at rest by a {law.name}"
+            if not math.isfinite(law.last_point):
+                return told
+            last = math.degrees(law.last_point) if unit == "deg" else 100.0 * law.last_point
+            return f"{told} of {int(law.data[1])} points up to {last:.4g} {unit}"
 
         def family(yarns: YarnFamily, law: Potential | None) -> str:
             return (
@@ -371,7 +379,7 @@ class Fabric:
         return (
             f'Fabric("{self.name}", warp {family(self.warp, self.warp_law)}, '
             f"weft {family(self.weft, self.weft_law)}, "
-            f"shear {modulus(self.shear_modulus, self.shear_law)})"
+            f"shear {modulus(self.shear_modulus, self.shear_law, 'deg')})"
         )
 
 

@@ -42,10 +42,15 @@ def commit() -> str | None:
     """Git commit of the program, if it runs from a clone; read without running git."""
     git = Path(__file__).resolve().parents[1] / ".git"
     try:
+        if git.is_file():  # of a further work tree
+            git = git.parent / git.read_text(encoding="utf-8").strip().removeprefix("gitdir: ")
         head = (git / "HEAD").read_text(encoding="ascii").strip()
         if not head.startswith("ref: "):
             return head or None
         name = head.removeprefix("ref: ")
+        common = git / "commondir"
+        if common.is_file():
+            git = git / common.read_text(encoding="utf-8").strip()
         if (git / name).is_file():
             return (git / name).read_text(encoding="ascii").strip()
         packed = (git / "packed-refs").read_text(encoding="ascii").splitlines()

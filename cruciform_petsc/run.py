@@ -33,14 +33,15 @@ from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
-from .output.figures import control_text
+from .output.figures import ROUNDING_N, control_text
 from .output.folder import remove_results
 from .output.progress import Route, progress_bar
-from .output.report import write_report
+from .output.report import force_text, tension_text, write_report
 from .provenance import file_notes, provenance, versions
 from .solvers.nonlinear import EquilibriumError, Increment
 from .units import format_si
 
+SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 # Kinds whose edges do what the membrane's can be told to, and whose load it knows.
 COMPARED = ("bias-extension", "off-axis-tension", "pantograph")
@@ -408,7 +409,13 @@ def warnings(result: TestResult) -> list[str]:
     experiment, fabric = result.experiment, result.network.fabric
     comm = result.network.comm
     told = []
+    largest, last = float(result.shear_angles_max.max()), fabric.shear.last_point
     if not experiment.finite:
+        if np.rad2deg(largest) > SMALL_DEG:
+            told.append(
+                f"the shear angle reaches {np.rad2deg(largest):.1f} deg; small displacements hold "
+                f"to some {SMALL_DEG:g} deg (set test.finite = true)"
+            )
         laws = [
             what
             for what, law in (
@@ -425,7 +432,6 @@ def warnings(result: TestResult) -> list[str]:
                 f"{' and the '.join(laws)} (test.finite = true takes the laws)"
             )
         return told
-    largest, last = float(result.shear_angles_max.max()), fabric.shear.last_point
     if largest > last:
         told.append(
             f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
@@ -563,6 +569,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         if name not in ("load_N", "extension_mm") and not name.startswith("energy_"):
             summary.setdefault(name.lower(), _values(case, column))
     summary |= experiment.figures(result)
+    summary["yarn_tension_max"] = _largest_tension(result)
     summary["solver"] = _solver(result)
     if result.increments:
         summary["increments"] = _told_increments(result.increments)
@@ -584,6 +591,33 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
 def _all_stable(found: list[bool | None]) -> bool | None:
     """Whether all states are stable; None if that is not known of each."""
     return None if None in found else all(found)
+
+
+def _largest_tension(result: TestResult) -> dict[str, Any]:
+    """Largest tension of a yarn in the last state, and where (at rest). Collective.
+
+    No place if it is that large on more than half of the crossovers. Of several places the lowest,
+    whatever the ranks.
+    """
+    network, fields = result.network, result.fields
+    carrying = fields["carrying"]
+    place = network.crossover_position[carrying]
+    found: dict[str, Any] = {}
+    for family in ("warp", "weft"):
+        tension = fields[f"{family}_tension"][carrying] / getattr(network.fabric, family).yarns
+        largest = max(network.comm.allgather(float(tension.max(initial=-np.inf))))
+        if found and largest <= found["n"] * (1.0 + 1e-9):
+            continue
+        near = tension >= largest - 1e-6 * abs(largest)
+        count, of = network.comm.allreduce(np.array([near.sum(), len(near)]))
+        own = np.round(1e3 * place[near], 6)
+        own = own[np.lexsort(own.T)[:1]]
+        there = np.concatenate(network.comm.allgather(own))  # one of each rank
+        lowest = there[np.lexsort(there.T)[0]].tolist() if len(there) else None
+        found = {"n": largest, "family": family, "at_mm": lowest if 2 * count <= of else None}
+    if found["n"] < ROUNDING_N:
+        return {"n": 0.0, "family": "warp", "at_mm": None}
+    return found
 
 
 def _solver(result: TestResult) -> dict[str, Any]:
@@ -778,20 +812,33 @@ def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Pat
     name, value, unit = control_text(experiment, result.states[-1].control).rsplit(" ", 2)
     if experiment.control != "load":
         log.info("%-13s %s %s", name, value, unit)
-    if name != "extension":
+    if experiment.kind == "cantilever":
+        log.info("tip deflection %s", format_si(last(summary["extension_m"]), "m"))
+    elif name != "extension":
         log.info("extension     %s", format_si(last(summary["extension_m"]), "m"))
-    log.info("load          %s", format_si(last(summary["load_n"]), "N"))
+    if experiment.kind == "biaxial":  # its load is no force of the test but does the work of both
+        for family in ("warp", "weft"):
+            log.info("%s force    %s", family, force_text(last(summary[f"force_{family}_n"])))
+    else:
+        log.info("load          %s", force_text(last(summary["load_n"])))
+    angles = [(last(summary["shear_centre_deg"]), "at the centre point")]
+    if np.isfinite(last(summary.get("shear_middle_deg", np.nan))):
+        angles.append((last(summary["shear_middle_deg"]), "median of the middle zone"))
+    angles.append((last(summary["shear_max_deg"]), "at most (absolute)"))
     log.info(
-        "shear angle   %.2f deg in the middle, %.2f deg at most",
-        round(last(summary["shear_centre_deg"]), 2) + 0.0,  # no -0.00
-        last(summary["shear_max_deg"]),
+        "shear angle   %s",
+        ", ".join(
+            f"{round(angle, 2) + 0.0:.2f} deg {where}" for angle, where in angles
+        ),  # no -0.00
     )
+    most = summary["yarn_tension_max"]
+    log.info("yarn tension  %s", tension_text(most))
     total = sum(last(value) for value in summary["energy_j"].values())
     log.info(
         "energy        %.4g mJ: %s",
         1e3 * total,
         ", ".join(
-            f"{mode} {100 * last(value) / (total or 1.0):.1f} %"
+            f"{mode} {round(100 * last(value) / (total or 1.0), 1) + 0.0:.1f} %"
             for mode, value in summary["energy_j"].items()
         ),
     )

@@ -57,7 +57,8 @@ KINDS = {
     ),
     "biaxial": (
         Biaxial, ALONG, ["0.1 %", "0.2 %"], [1e-3, 2e-3], {"ratio": 0.5},
-        EVERY | {"strain_weft_percent", "tension_warp_N_per_cm", "tension_weft_N_per_cm"},
+        EVERY | {"strain_weft_percent", "tension_warp_N_per_cm", "tension_weft_N_per_cm",
+                 "force_warp_N", "force_weft_N"},
         ("strain_warp_percent", 0.01),
     ),
     "cantilever": (

@@ -188,6 +188,9 @@ def test_repr():
     assert repr(UNEQUAL.with_shear_law(sin_powers([48.0]))).endswith(
         "shear 0.96 N/cm at rest by a sin-potential)"
     )
+    table = Fabric.from_library("e-glass-plain-2.4", {"shear": SHEAR_TABLE})
+    angles = [point[0] for point in SHEAR_TABLE["points"] if point[0]]
+    assert repr(table).endswith(f"by a table of {len(angles)} points up to {angles[-1]:g} deg)")
 
 
 def test_pantographic_sheet():
@@ -286,7 +289,8 @@ def test_changes_to_a_fabric_of_the_library():
     """Shear and tension are replaced, the rest stays."""
     name = "glass-pp-plain-1.93"
     fabric = Fabric.from_library(name, {"shear": SHEAR_TABLE, "tension": {"strain": "log"}})
-    assert (fabric.name, fabric.warp) == (name, Fabric.from_library(name).warp)
+    assert fabric.name == f"{name}, shear and tension replaced"
+    assert fabric.warp == Fabric.from_library(name).warp
     assert fabric.shear.name == "table"
     assert (fabric.log_strain, fabric.compression) == (True, 1.0)
     assert Fabric.from_library(name).shear != fabric.shear

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import shapely
+from matplotlib.text import Text
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
@@ -402,6 +403,38 @@ def test_maps_leave_holes_empty(tmp_path, result):
         assert image[at].min() < 0.9, (up, across)
     pictures.shear_maps(COMM, path, sample, title="a title")
     assert pixels(path).shape[1] > 2 * image.shape[1]
+
+
+def texts_of(draw, monkeypatch):
+    """All texts of a picture, and its axes."""
+    kept = []
+    monkeypatch.setattr(pictures, "_save", lambda comm, path, make: kept.append(make()))
+    draw()
+    (figure,) = kept
+    return [text.get_text() for text in figure.findobj(Text)], figure.axes
+
+
+def test_bars_have_zero_below(tmp_path, result, monkeypatch):
+    """Also where all values are negative; a map by itself is headed by the title."""
+    shear = np.rad2deg(result.fields["shear_angle"])
+    for sign in (1.0, -1.0):
+        found = sample_map(result.network, {"network": sign * np.abs(shear)})
+        texts, axes = texts_of(
+            lambda found=found: pictures.shear_maps(COMM, "", found, ("network",), "a test"),
+            monkeypatch,
+        )
+        assert axes[-1].get_ylim()[0] == 0.0
+        assert "a test" in texts
+        assert "Network" not in texts
+
+
+def test_uniform_values_are_told():
+    """To 1e-6 of their size; rounding is none."""
+    angle, bent = np.full(5, 20.0), np.linspace(20.0, 20.1, 5)
+    assert figures._uniform(COMM, "Angle", {"a": angle}, 1e-6, " deg") == "Angle: uniform, 20 deg."
+    assert figures._uniform(COMM, "Angle", {"a": angle, "b": bent}, 1e-6, " deg") is None
+    noise = {"warp": 1e-15 * bent, "weft": 3.0 + 0.0 * angle}
+    assert figures._uniform(COMM, "T", noise, 1e-9, " N") == "T: uniform, warp 0 N, weft 3 N."
 
 
 def test_stages(tmp_path, curve):

@@ -26,6 +26,7 @@ from cruciform_petsc.compare import (
 )
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
+from cruciform_petsc.output.report import _curve_table, _fabric, _numbers, _pictures, force_text
 from cruciform_petsc.run import run_case
 
 COMM = MPI.COMM_SELF
@@ -126,23 +127,35 @@ def test_page_shows_the_case_as_it_was_written(report):
         assert expected in text
 
 
+def test_page_says_what_of_a_library_fabric_was_changed(report):
+    changed = made(fabric={"shear": {"modulus": "5 N/cm"}})
+    text = _fabric(changed)
+    assert "e-glass-plain-2.4, shear replaced" in text
+    assert "Changed in the case file: shear." in text
+    assert "Changed" not in report.text()
+
+
 def test_page_has_the_figures_of_the_summary(report, summary):
     shown = report.values
     energy = sum(values[-1] for values in summary["energy_j"].values())
     expected = [summary[key][-1] for key in ("load_n", "extension_m")]
-    expected += [summary["shear_centre_deg"][-1], summary["shear_max_deg"][-1]]
-    assert shown[:4] == expected
-    assert shown[4] == pytest.approx(energy, rel=1e-14)  # sums in another order
+    expected += [summary[f"shear_{which}_deg"][-1] for which in ("centre", "middle", "max")]
+    assert shown[:5] == expected
+    assert shown[5] == pytest.approx(energy, rel=1e-14)  # sums in another order
     measured = summary["measured"]
     keys = ("rms_relative", "end_relative", "largest_relative")
-    assert shown[5:] == [measured[key] for key in keys]
+    assert shown[6:] == [measured[key] for key in keys]
     text = report.text()
-    assert f"{summary['load_n'][0]:.4g}" in text
+    assert f"{summary['load_n'][0]:.3f}" in text
+    most = summary["yarn_tension_max"]
+    assert f"At 2 mm extension. Largest yarn tension: {force_text(most['n'])} per" in text
+    assert "At 2 mm extension" in text
+    assert "shear angle, median of the middle zone" in text
     assert summary["date"] in text
     assert f"petsc {summary['versions']['petsc']}" in text
     for step in summary["increments"]:
         assert f"{step['residual_n']:.1e}" in text
-    assert text.count("asked for") == 2 + 1  # and the heading
+    assert text.count("asked for") == 2
 
 
 def test_page_has_all_pictures(report, folder):
@@ -183,13 +196,45 @@ def test_every_other_kind(tmp_path, kind):
     summary = run_case(COMM, case, tmp_path, LOG)
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text()
     words = {
-        "picture-frame": "shear force (N/mm)",
-        "biaxial": "tension warp (N/cm)",
-        "cantilever": "deflection across (mm)",
-    }
-    assert words[kind] in text
+        "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
+        "biaxial": (
+            "tension warp (N/cm)", "weft force", "work-conjugate load (N)",
+            "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
+        ),
+        "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
+    }  # fmt: skip
+    for word in words[kind]:
+        assert word in text
+    assert summary["yarn_tension_max"]["at_mm"] is None or kind == "cantilever"
     assert ("To know before use" in text) == bool(summary["warnings"])
     assert kind != "biaxial" or "stretched by up to 12 %" in text
+
+
+def test_pictures_are_two_in_a_row(tmp_path):
+    """Stages, four specimens side by side, have a row to themselves however high they are."""
+    for name in ("stages.png", "yarns.png"):
+        size = (900).to_bytes(4, "big")
+        (tmp_path / name).write_bytes(bytes(16) + size + size)
+    text = _pictures([(name, tmp_path / name) for name in ("yarns.png", "stages.png")], "")
+    assert re.findall('flex: 1 1 ([^"]*)', text) == ["100%", "min(100%, 420px)"]
+
+
+def test_rounding_is_told_as_zero(tmp_path):
+    """Shear of a biaxial test is none, whatever the last bits say; so is its energy."""
+    curve = {
+        "strain_warp_percent": np.array([1.0, 2.0]),
+        "shear_centre_deg": np.array([-6.7e-16, 3e-12]),
+        "energy_tension_J": np.array([1.0, 2.0]),
+        "energy_shear_J": np.array([1.8e-28, 1e-10]),
+    }
+    text = Page(_curve_table(curve)).text()
+    assert text.endswith("1 0 1000 0 2 0 2000 0")
+
+
+def test_columns_have_the_same_decimals():
+    assert _numbers([1.29123, 10.0, -0.5]) == ["1.29", "10.00", "\N{MINUS SIGN}0.50"]
+    assert _numbers([1.0, 2.0, None]) == ["1", "2", ""]
+    assert _numbers([1e-7]) == ["1e\N{MINUS SIGN}07"]
 
 
 def test_cut_steps_are_told(tmp_path, monkeypatch):

@@ -270,7 +270,12 @@ def test_yarns_under_strains_that_they_do_not_stand():
     first, second = warned(case(finite=True, extension="20 mm"))
     assert first.startswith("yarns are compressed by up to")
     assert second.startswith("yarns are stretched by up to")
-    assert warned(case(extension="20 mm")) == []
+
+
+def test_small_displacements_that_are_not_small():
+    (sentence,) = warned(case(extension="20 mm"))
+    assert re.match(r"the shear angle reaches [0-9.]+ deg; small displacements hold", sentence)
+    assert warned(case(extension="0.5 mm")) == []
 
 
 # -- the continuum ---------------------------------------------------------------------------------

@@ -67,13 +67,16 @@ class Biaxial(Experiment):
         return np.array(forces)
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
-        """Strain along the weft, and tension of both families per width at rest."""
+        """Strain along the weft, and force and tension (per width at rest) of both families."""
         width = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
         warp, weft = self._warp_axis, 1 - self._warp_axis
+        along_warp, along_weft = self._along(result, warp), self._along(result, weft)
         return {
             "strain_weft_percent": 100.0 * result.controls * self.ratio,
-            "tension_warp_N_per_cm": self._along(result, warp) / width[weft] / 100.0,
-            "tension_weft_N_per_cm": self._along(result, weft) / width[warp] / 100.0,
+            "force_warp_N": along_warp,
+            "force_weft_N": along_weft,
+            "tension_warp_N_per_cm": along_warp / width[weft] / 100.0,
+            "tension_weft_N_per_cm": along_weft / width[warp] / 100.0,
         }
 
     def load_of(self, work: float, control: float) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from ..assembly import MODES
 from . import pictures, scene
+from .pictures import ROUNDING_DEG
 from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ EDGES = {
     "picture-frame": ("lower", "upper", "left", "right"),
     "cantilever": ("lower",),
 }
+ROUNDING_N = 1e-9  # tensions of yarns below are none
+SMALL_LOAD = 0.1  # N; loads below are told in mN
 STAGES = 4  # states side by side
 
 
@@ -33,7 +37,7 @@ def control_text(experiment: Experiment, control: float) -> str:
     """Write a control for people: "extension 10 mm"."""
     name, size = experiment.column
     what, _, unit = name.rpartition("_")
-    if unit == "N" and abs(control) < 0.1:
+    if unit == "N" and abs(control) < SMALL_LOAD:
         size, unit = 1e-3, "mN"
     what = "warp strain" if what == "strain_warp" else what
     return f"{what} {control / size:.4g} {UNITS[unit]}"
@@ -91,15 +95,27 @@ def draw_all(
             pictures.shear_against_load(
                 comm,
                 file("shear_against_load.png"),
-                curve["load_N"],
+                curve["load_N"] / _load_unit(result.loads)[1],
                 curve["shear_centre_deg"],
                 curve["shear_max_deg"],
+                xlabel=f"load ({_load_unit(result.loads)[0]})",
                 title=title,
             )
         _draw_centre_line(file("centre_line.png"), result, without, membrane, title)
-    if experiment.kind != "biaxial":
-        _draw_maps(file("shear_map.png"), result, membrane, title)
-        _draw_tensions(file("tension_map.png"), result, title)
+    shear, tensions = _shear_values(result, membrane), _tension_values(result)
+    uniform = summary.setdefault("uniform_maps", {})
+    told = _uniform(comm, "Shear angle", shear, ROUNDING_DEG, "\N{DEGREE SIGN}")
+    if told is None:
+        sample_ = sample_map(result.network, shear)
+        pictures.shear_maps(comm, file("shear_map.png"), sample_, tuple(shear), title)
+    else:
+        uniform["shear_map.png"] = told
+    told = _uniform(comm, "Tension", tensions, ROUNDING_N, " N per yarn")
+    if told is None:
+        sample_ = sample_map(result.network, tensions)
+        pictures.tension_maps(comm, file("tension_map.png"), sample_, title)
+    else:
+        uniform["tension_map.png"] = told
     if without is not None:
         pictures.with_and_without_bending(
             comm,
@@ -130,11 +146,31 @@ def plain_text(text: str) -> str:
 
 
 def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
-    """Draw the yarns before and after; returns what was drawn (rank 0). Collective."""
-    sample = _yarns(result)
-    clamps = _clamps(result, result.states[-1])
-    pictures.yarns_before_and_after(result.network.comm, path, sample, title, clamps=clamps)
+    """Draw the yarns before and after; returns what was drawn (rank 0). Collective.
+
+    Coloured by shear angle, of which a biaxial test has none: by the yarns' tension there.
+    """
+    comm, clamps = result.network.comm, _clamps(result, result.states[-1])
+    sample, label = _yarns(result), pictures.ANGLE_LABEL
+    if result.experiment.kind == "biaxial":
+        sample, label = _with_tension(result, sample), "tension (N per yarn)"
+    pictures.yarns_before_and_after(comm, path, sample, title, clamps=clamps, label=label)
     return sample
+
+
+def _with_tension(result: TestResult, sample: YarnSample | None) -> YarnSample | None:
+    """The sample with the tension of each family, N per yarn, for its shear angle. Collective."""
+    network, fields = result.network, result.fields
+    warp, weft = (
+        sample_yarns(
+            network, result.node_displacement, {**fields, "shear_angle": np.deg2rad(tension)}
+        )
+        for tension in _tension_values(result).values()
+    )
+    if sample is None or warp is None or weft is None:
+        return None
+    both = np.where(sample.family == 0, warp.shear_angle_deg, weft.shear_angle_deg)
+    return replace(sample, shear_angle_deg=both)
 
 
 def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
@@ -199,8 +235,10 @@ def _clamps(result: TestResult, state: State) -> list:
 
 
 def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Control (in the column's unit), load (N) and energies (J; (n, 3)) all along the test."""
+    """Control (in the axis' unit), load (N) and energies (J; (n, 3)) all along the test."""
     size = result.experiment.column[1]
+    if result.experiment.control == "load":
+        size = _load_unit(result.loads)[1]
     if result.experiment.finite and result.increments:
         control = [increment.control for increment in result.increments]
         load = [increment.load for increment in result.increments]
@@ -212,19 +250,26 @@ def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _axis_label(result: TestResult) -> str:
     name = result.experiment.column[0]
+    unit, _ = _load_unit(result.loads)
     labels = {
         "extension_mm": "extension (mm)",
         "angle_deg": "shear angle of the frame (°)",
         "strain_warp_percent": "warp strain (%)",
-        "load_N": "load (N)",
+        "load_N": f"load ({unit})",
     }
     return labels[name]
+
+
+def _load_unit(loads: np.ndarray) -> tuple[str, float]:
+    """Unit that loads are drawn in, and its size in N."""
+    return ("N", 1.0) if np.abs(loads).max(initial=0.0) >= SMALL_LOAD else ("mN", 1e-3)
 
 
 def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> None:
     """The load, or what stands for it, against the control."""
     comm, experiment = result.network.comm, result.experiment
     control, load, _ = _path(result)
+    unit, newton = _load_unit(load)
     asked = result.controls / experiment.column[1]
     if experiment.kind == "biaxial":
         curve = result.curve()
@@ -240,13 +285,12 @@ def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> No
         )  # fmt: skip
     elif experiment.kind == "cantilever":
         curve = result.curve()
-        unit, size = ("N", 1.0) if np.abs(result.loads).max() >= 0.1 else ("mN", 1e-3)
         curves = {
-            "across": (curve["tip_across_mm"], curve["load_N"] / size),
-            "along, towards the clamp": (-curve["tip_along_mm"], curve["load_N"] / size),
+            "across": (curve["tip_across_mm"], curve["load_N"] / newton),
+            "along, towards the clamp": (-curve["tip_along_mm"], curve["load_N"] / newton),
         }
         if measured is not None:
-            curves["measured, across"] = (1e3 * measured.displacement, measured.force / size)
+            curves["measured, across"] = (1e3 * measured.displacement, measured.force / newton)
         pictures.curves(
             comm, file("load_against_deflection.png"), curves,
             ("deflection of the loaded edge (mm)", f"load ({unit})"), title,
@@ -254,21 +298,23 @@ def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> No
     else:
         others = {}
         if len(membranes) == len(asked):
-            others["membrane"] = (asked, np.array([membrane.load for membrane in membranes]))
+            others["membrane"] = (asked, np.array([m.load for m in membranes]) / newton)
         if measured is not None and experiment.unit == "m":
-            others["measured"] = (1e3 * measured.displacement, measured.force)
+            others["measured"] = (1e3 * measured.displacement, measured.force / newton)
         name = experiment.column[0].partition("_")[0]
-        marks = None if len(control) == len(asked) else (asked, result.loads)
+        marks = None if len(control) == len(asked) else (asked, result.loads / newton)
         pictures.load_against_extension(
-            comm, file(f"load_against_{name}.png"), control, load,
-            points=others, marks=marks, xlabel=_axis_label(result), title=title,
+            comm, file(f"load_against_{name}.png"), control, load / newton,
+            points=others, marks=marks, xlabel=_axis_label(result), ylabel=f"load ({unit})",
+            title=title,
         )  # fmt: skip
         if measured is not None and experiment.unit != "m":
             curve = result.curve()
             pictures.load_against_extension(
-                comm, file("load_against_crosshead.png"), curve["crosshead_mm"], curve["load_N"],
-                points={"measured": (1e3 * measured.displacement, measured.force)},
-                xlabel="displacement of the crosshead (mm)", title=title,
+                comm, file("load_against_crosshead.png"), curve["crosshead_mm"],
+                curve["load_N"] / newton,
+                points={"measured": (1e3 * measured.displacement, measured.force / newton)},
+                xlabel="displacement of the crosshead (mm)", ylabel=f"load ({unit})", title=title,
             )  # fmt: skip
 
 
@@ -305,9 +351,9 @@ def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | No
 
 def _draw_zones(path: Path, result: TestResult, curve, title: str) -> None:
     extension = curve["extension_mm"]
-    names = (("middle", "middle"), ("side", "beside it"), ("clamp", "at the clamps"))
+    names = (("middle", "middle zone"), ("side", "side zones"), ("clamp", "at the clamps"))
     zones = {
-        label: (extension, curve[f"shear_{zone}_deg"])
+        f"{label} (median)": (extension, curve[f"shear_{zone}_deg"])
         for zone, label in names
         if np.isfinite(curve[f"shear_{zone}_deg"]).all()
     }
@@ -333,19 +379,36 @@ def _draw_centre_line(path, result, without, membrane, title) -> None:
     pictures.shear_along_centre_line(result.network.comm, path, curves, title=title)
 
 
-def _draw_maps(path, result, membrane, title) -> None:
+def _uniform(comm, what: str, values: dict[str, np.ndarray], least: float, unit: str) -> str | None:
+    """Tell the values of maps that are the same all over, None if one is not. Collective."""
+    told = []
+    for name, value in values.items():
+        good = value[np.isfinite(value)]
+        low = min(comm.allgather(float(good.min(initial=np.inf))))
+        high = max(comm.allgather(float(good.max(initial=-np.inf))))
+        if high - low > max(1e-6 * max(-low, high), least):
+            return None
+        middle = 0.5 * (low + high)
+        shown = f"{0.0 if abs(middle) < least else middle:.4g}{unit}"
+        told.append(shown if len(values) == 1 else f"{name} {shown}")
+    return f"{what}: uniform, {', '.join(told)}."
+
+
+def _shear_values(result, membrane) -> dict[str, np.ndarray]:
+    """Shear angles at the crossovers, degrees, by what they are of. Collective."""
     network = result.network
     shear = np.where(result.fields["carrying"], np.rad2deg(result.fields["shear_angle"]), np.nan)
     values = {"network": shear}
     if membrane is not None:
         angle = membrane.evaluate(network.crossover_position)["shear_angle"]
         values["membrane"] = np.rad2deg(angle)
-    pictures.shear_maps(network.comm, path, sample_map(network, values), tuple(values), title)
+    return values
 
 
-def _draw_tensions(path, result, title) -> None:
+def _tension_values(result) -> dict[str, np.ndarray]:
+    """Tensions of the yarns at the crossovers, N, by family. Collective."""
     network, fields = result.network, result.fields
-    values = {
+    return {
         name: np.where(
             fields["carrying"],
             fields[f"{name}_tension"] / getattr(network.fabric, name).yarns,
@@ -353,4 +416,3 @@ def _draw_tensions(path, result, title) -> None:
         )
         for name in ("warp", "weft")
     }
-    pictures.tension_maps(network.comm, path, sample_map(network, values), title)

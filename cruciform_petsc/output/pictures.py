@@ -30,10 +30,10 @@ Clamp = tuple[np.ndarray, Sequence[float] | np.ndarray]
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.labelsize": 9,
-    "legend.fontsize": 8.5,
+    "font.size": 10.5,
+    "axes.titlesize": 11,
+    "axes.labelsize": 10.5,
+    "legend.fontsize": 9.5,
     "axes.linewidth": 0.7,
     "xtick.major.width": 0.7,
     "ytick.major.width": 0.7,
@@ -62,6 +62,7 @@ def yarns_before_and_after(
     *,
     clamps: Sequence[Clamp] = (),
     scale: float = 1.0,
+    label: str = ANGLE_LABEL,
 ) -> None:
     """Draw yarns before (thin, grey) and after, coloured by shear angle: the paper's figure 9b.
 
@@ -76,8 +77,10 @@ def yarns_before_and_after(
         Edges to draw as hatched bars, and how far each has moved.
     scale : float
         Exaggerates the displacement; said in the picture unless it is 1.
+    label : str
+        What the sample has for its shear angle.
     """
-    _draw_yarns(comm, path, [(title, sample, clamps)], scale)
+    _draw_yarns(comm, path, [(title, sample, clamps)], scale, label=label)
 
 
 def with_and_without_bending(
@@ -114,7 +117,15 @@ def stages(
     _draw_yarns(comm, path, panels, 1.0, before=False, heading=title)
 
 
-def _draw_yarns(comm, path, panels, scale: float, before: bool = True, heading: str = "") -> None:
+def _draw_yarns(
+    comm,
+    path,
+    panels,
+    scale: float,
+    before: bool = True,
+    heading: str = "",
+    label: str = ANGLE_LABEL,
+) -> None:
     def draw() -> Figure:
         drawn = [panel for panel in panels if panel[1] is not None]
         samples = [sample for _, sample, _ in drawn]
@@ -140,7 +151,7 @@ def _draw_yarns(comm, path, panels, scale: float, before: bool = True, heading: 
             for edge in clamped:
                 _add_clamp(axes, edge, bar)
             axes.set_title(title)
-        figure.colour_bar(-1, colours, ANGLE_LABEL)
+        figure.colour_bar(-1, colours, label)
         if heading:
             figure.heading(heading)
         every = max(sample.every for sample in samples)
@@ -233,7 +244,7 @@ def shear_maps(
         panels = _Panels(low, high, 1 if len(values) == 1 else 3, bar_after=len(values) - 1)
         for axes, (name, value) in zip(panels.axes, values.items(), strict=False):
             _add_map(axes, sample, value, shared)
-            axes.set_title(name[:1].upper() + name[1:])
+            axes.set_title(name[:1].upper() + name[1:] if len(values) > 1 else title)
         panels.colour_bar(len(values) - 1, shared, ANGLE_LABEL)
         if len(values) == 2:
             first, second = values.values()
@@ -241,7 +252,6 @@ def shear_maps(
             _add_map(panels.axes[2], sample, first - second, off)
             panels.axes[2].set_title(f"{names[0].capitalize()} minus {names[1]}")
             panels.colour_bar(2, off, "difference (°)")
-        if title:
             panels.figure.suptitle(title, y=1.0, va="bottom", fontsize=11)
         return panels.figure
 
@@ -316,6 +326,7 @@ def shear_against_load(
     shear_max_deg: Sequence[float] | np.ndarray | None = None,
     *,
     others: Curves | None = None,
+    xlabel: str = "load (N)",
     title: str = "",
 ) -> None:
     """Draw the shear angle against the load: the paper's figure 8.
@@ -328,13 +339,13 @@ def shear_against_load(
         Needed on rank 0 only.
     others : dict of (load_N, shear_deg)
         More curves by label, e.g. measured ones.
-    title : str
+    xlabel, title : str
     """
-    curves = {"middle of the specimen": (load_N, shear_centre_deg)}
+    curves = {"at the centre point": (load_N, shear_centre_deg)}
     if shear_max_deg is not None:
-        curves["largest"] = (load_N, shear_max_deg)
+        curves["largest (absolute)"] = (load_N, shear_max_deg)
     curves = {label: from_origin(*curve) for label, curve in curves.items()}
-    labels = ("load (N)", ANGLE_LABEL)
+    labels = (xlabel, ANGLE_LABEL)
     _draw_curves(comm, path, curves | dict(others or {}), labels, title)
 
 
@@ -348,9 +359,10 @@ def load_against_extension(
     points: Curves | None = None,
     marks: tuple[np.ndarray, np.ndarray] | None = None,
     xlabel: str = "extension (mm)",
+    ylabel: str = "load (N)",
     title: str = "",
 ) -> None:
-    """Draw the load against the extension, or whatever ``xlabel`` says.
+    """Draw the load against the extension, or whatever ``xlabel`` and ``ylabel`` say.
 
     Parameters
     ----------
@@ -362,12 +374,12 @@ def load_against_extension(
         More curves by label, and what is drawn as points only.
     marks : (extension_mm, load_N), optional
         Points of the curve to mark; by default all of them, if they are few.
-    xlabel, title : str
+    xlabel, ylabel, title : str
     """
     mine = {"network": from_origin(extension_mm, load_N)}
 
     def draw() -> Figure:
-        figure, axes = _curve_axes((xlabel, "load (N)"), title)
+        figure, axes = _curve_axes((xlabel, ylabel), title)
         for i, (label, (x, y)) in enumerate((mine | dict(others or {})).items()):
             style = _line(i, len(x))
             if i == 0 and marks is not None:
@@ -713,7 +725,11 @@ class _Panels:
 
         norm, colour_map, extend = colours
         place = self._axes(self.left[panel] + self.width + 0.14, 0.14)
-        self.figure.colorbar(ScalarMappable(norm, colour_map), place, label=label, extend=extend)
+        bar = self.figure.colorbar(
+            ScalarMappable(norm, colour_map), place, label=label, extend=extend
+        )
+        if norm.vmax == 0.0:
+            bar.ax.invert_yaxis()  # zero below, like that of positive values
 
     def heading(self, text: str) -> None:
         """Write a title above all panels."""
@@ -724,7 +740,7 @@ class _Panels:
     def note(self, text: str) -> None:
         """Write small print below the first panel."""
         left, low = self.left[0] / self.total[0], 0.02 / self.total[1]
-        self.figure.text(left, low, text, fontsize=7, color="0.4", va="top")
+        self.figure.text(left, low, text, fontsize=9, color="0.4", va="top")
 
 
 def _bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

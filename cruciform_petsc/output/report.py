@@ -17,21 +17,22 @@ import numpy as np
 
 from ..case import on_root
 from ..units import format_si
+from .figures import SMALL_LOAD
 from .tables import written_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..case import Case
-    from ..fabric import Fabric
 
-CAPTIONS = {
-    "yarns.png": "Yarns before and after the test, coloured by shear angle.",
-    "scene.png": "The yarns in space at the last value, woven, coloured by shear angle.",
+CAPTIONS = {  # {at}: the last value asked for
+    "yarns.png": "Yarns before and after the test, coloured by {colour}.",
+    "scene.png": "The yarns in space {at}, coloured by shear angle; "
+    "yarn cross-sections are illustrative.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
-    "shear_map.png": "Shear angle at the last value, drawn on the undeformed specimen.",
-    "tension_map.png": "Tension of the yarns at the last value, drawn on the undeformed specimen.",
-    "energy.png": "Strain energy by what is deformed.",
+    "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
+    "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
+    "energy.png": "Strain energy: tension, shear, yarn bending.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
     "shear_against_load.png": "Shear angle against the load.",
@@ -39,6 +40,9 @@ CAPTIONS = {
     "ladder.png": "Difference to the membrane as the network is refined.",
     "tension_against_strain.png": "Tension of the cloth against its strain.",
     "load_against_deflection.png": "Load against the deflection of the loaded edge.",
+    "load_against_extension.png": "Load against extension.",
+    "load_against_angle.png": "Load against the shear angle of the frame.",
+    "load_against_load.png": "Load.",
     "load_against_crosshead.png": "Load against the displacement of the crosshead.",
 }
 MAPS = (
@@ -49,19 +53,23 @@ MAPS = (
     "tension_map.png",
     "with_and_without_bending.png",
 )
-WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves
-ROW = 300  # pixels of height that a row of pictures has at least, if it can
+WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
+CUT = ("bias-extension", "off-axis-tension", "pantograph")  # across the yarns
+LEAST = 420  # pixels of width of a picture, two of which go into a row
+NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
 
 # Columns of the curve, by what is left of their name without the unit.
 COLUMNS = {
     "strain_warp": "warp strain",
     "strain_weft": "weft strain",
     "angle": "angle of the frame",
-    "shear_centre": "shear, centre",
-    "shear_max": "shear, largest",
-    "shear_middle": "shear, middle zone",
-    "shear_side": "shear, side zones",
-    "shear_clamp": "shear, at the clamps",
+    "shear_centre": "shear, at the centre point",
+    "shear_max": "shear, largest (absolute)",
+    "shear_middle": "shear, middle zone (median)",
+    "shear_side": "shear, side zones (median)",
+    "shear_clamp": "shear, at the clamps (median)",
+    "force_warp": "warp force",
+    "force_weft": "weft force",
     "tip_across": "deflection across",
     "tip_along": "deflection along",
     "crosshead": "crosshead",
@@ -127,7 +135,7 @@ td.path { white-space: nowrap; width: 1%; padding-right: 24px; }
 .columns table { width: 100%; }
 .pictures { display: flex; flex-wrap: wrap; gap: 22px; align-items: flex-end; }
 figure { margin: 0; break-inside: avoid; text-align: center; }
-img { max-width: 100%; max-height: 520px; width: auto; height: auto; }
+img { max-width: 100%; max-height: 640px; width: auto; height: auto; }
 footer { margin-top: 36px; padding-top: 8px; border-top: 1px solid #d5dde3; }
 @page { margin: 14mm; }
 @media print {
@@ -183,14 +191,14 @@ def page(
     title = escape(case.title)
     parts = [
         _header(summary, title),
-        _key_figures(summary),
+        _key_figures(summary, curve),
         _warnings(summary),
-        _section("Specimen", _pictures(maps)),
-        _section("Curves", _pictures(curves)),
-        _section("Values asked for", _curve_table(curve)),
+        _section("Specimen", _specimen(maps, summary, curve)),
+        _section("Curves", _pictures(curves, "")),
+        _section("Results", _curve_table(curve)),
         _section("Measured data", _measured(summary.get("measured"))),
         _section("Comparison with the continuum", _continuum(summary, curve)),
-        _section("Fabric", _fabric(case.fabric())),
+        _section("Fabric", _fabric(case)),
         _section("Case", _case(case)),
         _section("Sizes and times", _sizes(summary)),
         _section("Increments", _increments(summary, curve)),
@@ -222,7 +230,7 @@ def _section(name: str, content: str) -> str:
 
 
 def _header(summary: Mapping[str, Any], title: str) -> str:
-    kind = str(summary["kind"]).replace("-", " ").capitalize()
+    kind = str(summary["kind"]).replace("-", " ").replace("off axis", "off-axis").capitalize()
     size = "finite deformation" if summary["finite"] else "small displacements"
     date = str(summary.get("date", ""))[:10]
     words = [kind, size, *([date] if date else [])]
@@ -231,25 +239,72 @@ def _header(summary: Mapping[str, Any], title: str) -> str:
     )
 
 
-def _key_figures(summary: Mapping[str, Any]) -> str:
+def _key_figures(summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]) -> str:
     total = sum(_last(value) for value in summary["energy_j"].values())
-    rows = [
-        ("load", _last(summary["load_n"]), "N"),
-        ("extension", _last(summary["extension_m"]), "m"),
-        ("shear angle in the centre", _last(summary["shear_centre_deg"]), "°"),
-        ("largest shear angle", _last(summary["shear_max_deg"]), "°"),
-        ("strain energy", total, "J"),
+    rows = [("load", "load_n", "N")]
+    if summary["kind"] == "biaxial":  # whose load does the work of both directions
+        rows = [("warp force", "force_warp_n", "N"), ("weft force", "force_weft_n", "N")]
+    moved = "tip deflection" if summary["kind"] == "cantilever" else "extension"
+    rows += [
+        (moved, "extension_m", "m"),
+        ("shear angle at the centre point", "shear_centre_deg", "°"),
+        ("shear angle, median of the middle zone", "shear_middle_deg", "°"),
+        ("largest shear angle (absolute)", "shear_max_deg", "°"),
     ]
+    figures = [
+        (name, _last(summary[key]), unit)
+        for name, key, unit in rows
+        if np.isfinite(_last(summary.get(key, np.nan)))
+    ]
+    figures.append(("strain energy", total, "J"))
     cells = []
-    for name, value, unit in rows:
+    for name, value, unit in figures:
         if unit == "°":
             shown = f"{round(value, 2) + 0.0:.2f}°"  # no -0.00
         else:
-            shown = _energy(value) if unit == "J" else _si(value, unit)
+            tell = {"J": _energy, "N": force_text}.get(unit)
+            shown = tell(value) if tell else _si(value, unit)
         cells.append(f"<div><dt>{escape(name)}</dt><dd>{_data(value, shown)}</dd></div>\n")
-    several = isinstance(summary["load_n"], list) and len(summary["load_n"]) > 1
-    note = '<p class="small">At the last value.</p>\n' if several else ""
+    note = f"{_at(curve)}. Largest yarn tension: {tension_text(summary['yarn_tension_max'])}."
+    note = f'<p class="small">{escape(note[:1].upper() + note[1:])}</p>\n'
     return f'<dl class="key">\n{"".join(cells)}</dl>\n{note}'
+
+
+def _at(curve: Mapping[str, np.ndarray]) -> str:
+    """The last value asked for, in words."""
+    name, values = next(iter(curve.items()))
+    head, unit = _named(name)
+    size, unit = _size(values, unit)
+    space = "" if unit == "°" else " "
+    return f"at {float(np.asarray(values)[-1]) * size:.4g}{space}{unit} {head}"
+
+
+def tension_text(largest: Mapping[str, Any]) -> str:
+    """The summary's yarn_tension_max in words."""
+    value, at = force_text(largest["n"]), largest["at_mm"]
+    where = "" if at is None else ", at x = {:.4g} mm, y = {:.4g} mm (at rest)".format(*at)
+    return f"{value} per {largest['family']} yarn{where}"
+
+
+def force_text(value: float) -> str:
+    """A force for people, in mN if it is small."""
+    return _si(value, "N") if abs(value) >= SMALL_LOAD else f"{1e3 * value:.4g} mN"
+
+
+def _specimen(
+    maps: Sequence[tuple[str, Path]], summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]
+) -> str:
+    note = ""
+    if summary["kind"] in CUT and any(name.endswith("_map.png") for name, _ in maps):
+        note = (
+            '<p class="small">Rims are jagged and maps striped because an edge holds whole yarns: '
+            "which ones changes by one at a time, and their tails beyond it hang free.</p>\n"
+        )
+    uniform = "".join(
+        f"<p>{escape(text)}</p>\n" for text in summary.get("uniform_maps", {}).values()
+    )
+    colour = "tension" if summary["kind"] == "biaxial" else "shear angle"
+    return _pictures(maps, _at(curve), colour) + note + uniform
 
 
 def _warnings(summary: Mapping[str, Any]) -> str:
@@ -270,22 +325,23 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
-def _pictures(pictures: Sequence[tuple[str, Path]]) -> str:
-    """Pictures side by side in rows of equal height, wide ones first."""
+def _pictures(pictures: Sequence[tuple[str, Path]], at: str, colour: str = "shear angle") -> str:
+    """Pictures two in a row, wide ones first and by themselves."""
     figures: list[tuple[bool, str]] = []
     for name, path in pictures:
         data = path.read_bytes()
         width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # PNG header
-        caption = escape(CAPTIONS.get(name, "Load against what the test prescribes."))
+        caption = escape(CAPTIONS[name].format(at=at, colour=colour))
         ratio = width / height
-        basis = "100%" if ratio > WIDE else f"min(100%, {ROW * ratio:.0f}px)"
+        wide = ratio > WIDE or name == "stages.png"
+        basis = "100%" if wide else f"min(100%, {LEAST}px)"
         text = (
-            f'<figure style="flex: {ratio:.3f} 1 {basis}">\n'
+            f'<figure style="flex: 1 1 {basis}">\n'
             f'<img alt="{caption}" width="{width}" height="{height}" '
             f'src="data:image/png;base64,{base64.b64encode(data).decode("ascii")}">\n'
             f"<figcaption>{caption}</figcaption>\n</figure>\n"
         )
-        figures.append((ratio <= WIDE, text))
+        figures.append((not wide, text))
     figures.sort(key=lambda pair: pair[0])
     body = "".join(text for _, text in figures)
     return f'<div class="pictures">\n{body}</div>\n' if body else ""
@@ -293,11 +349,15 @@ def _pictures(pictures: Sequence[tuple[str, Path]]) -> str:
 
 def _curve_table(curve: Mapping[str, np.ndarray]) -> str:
     heads, columns = [], []
+    total = sum(values for name, values in curve.items() if name.startswith("energy_"))
     for name, values in curve.items():
         head, unit = _named(name)
-        size = 1e3 if unit == "J" else 1.0
-        heads.append(f"{head} ({'mJ' if unit == 'J' else unit})" if unit else head)
-        columns.append([_number(value, size) for value in values])
+        noise = NOISE * total if unit == "J" else NOISE if unit == "°" else 0.0
+        size, unit = _size(values, unit)
+        heads.append(f"{head} ({unit})" if unit else head)
+        columns.append(_numbers(np.where(np.abs(values) < noise, 0.0, values), size))
+    if "strain_weft_percent" in curve:
+        heads = [name.replace("load", "work-conjugate load") for name in heads]
     return _table(heads, zip(*columns, strict=True))
 
 
@@ -315,14 +375,12 @@ def _measured(measured: Mapping[str, Any] | None) -> str:
         f"{measured['largest_at']:.4g} mm; {measured['points']} of {measured['points_measured']} "
         f"points lie within the test. Measured: {escape(str(measured['file']))}"
     )
-    rows = [
-        [_number(x), _number(force), _number(load), _percent(load / force - 1.0, True)]
-        if load is not None and np.isfinite(load)
-        else [_number(x), _number(force), "", ""]
-        for x, force, load in zip(
-            measured["displacement_mm"], measured["measured_n"], measured["load_n"], strict=True
-        )
+    columns = [measured[key] for key in ("displacement_mm", "measured_n", "load_n")]
+    off = [
+        "" if load is None or not np.isfinite(load) else _percent(load / force - 1.0, True)
+        for _, force, load in zip(*columns, strict=True)
     ]
+    rows = zip(*(_numbers(column) for column in columns), off, strict=True)
     heads = ["displacement (mm)", "measured (N)", "computed (N)", "difference"]
     return f"<p>{told}</p>\n{_table(heads, rows)}"
 
@@ -369,7 +427,8 @@ def _continuum(summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]) -> s
     return f"<p>{escape(text)}</p>\n{_table(heads, rows)}{more}"
 
 
-def _fabric(fabric: Fabric) -> str:
+def _fabric(case: Case) -> str:
+    fabric = case.fabric()
     sides = (fabric.warp, fabric.weft)
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
@@ -390,8 +449,12 @@ def _fabric(fabric: Fabric) -> str:
         else f"Stiffness in compression: {fabric.compression:g} of that in tension."
     )
     words.append("Logarithmic strain of the yarns." if fabric.log_strain else "")
-    source = fabric.source
-    words.append(f"Source: {source}" if source else "")
+    given = case.fabric_table.model_dump(exclude_none=True)
+    if given.pop("use", None) and given:
+        words.append(f"Changed in the case file: {', '.join(given)}. Of the rest the source:")
+        words.append(fabric.source)
+    elif fabric.source:
+        words.append(f"Source: {fabric.source}")
     text = " ".join(word for word in words if word)
     return f"{_table([fabric.name, 'warp', 'weft'], rows)}<p>{escape(text)}</p>\n"
 
@@ -481,11 +544,13 @@ def _increments(summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]) -> 
     heads += ["load (N)"] if unit != "N" else []
     heads += ["Newton iterations", "mended", "cut", "residual (N)", "tolerance (N)", "time (s)", ""]
     rows = []
-    for step in increments:
+    controls = _numbers([step["control"] for step in increments], 1.0 / size)
+    loads = _numbers([step["load_n"] for step in increments])
+    for step, control, load in zip(increments, controls, loads, strict=True):
         rows.append(
             [
-                _number(step["control"], 1.0 / size),
-                *([_number(step["load_n"])] if unit != "N" else []),
+                control,
+                *([load] if unit != "N" else []),
                 f"{step['newton_iterations']}",
                 f"{step['shifted']}",
                 f"{step.get('cuts', 0)}",
@@ -580,6 +645,29 @@ def _number(value: float | None, size: float = 1.0) -> str:
     if value is None or not np.isfinite(value):
         return ""
     return f"{size * value + 0.0:.4g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _numbers(values: Iterable[float | None], size: float = 1.0) -> list[str]:
+    """A column, with as many decimals everywhere as its largest number has of four digits."""
+    column = [np.nan if value is None else size * float(value) for value in values]
+    largest = max((abs(value) for value in column if np.isfinite(value)), default=0.0)
+    if not 1e-3 <= largest < 1e6:
+        return [_number(value) for value in column]
+    most = max(0, 3 - int(np.floor(np.log10(largest))))
+    digits = max(len(f"{v:.{most}f}".rstrip("0").partition(".")[2]) for v in column)
+    return [
+        f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+        if np.isfinite(value)
+        else ""
+        for value in column
+    ]
+
+
+def _size(values: Any, unit: str) -> tuple[float, str]:
+    """What to multiply a column by, and the unit it then has: mJ, and mN for small loads."""
+    if unit == "J" or (unit == "N" and np.abs(values).max(initial=0.0) < SMALL_LOAD):
+        return 1e3, f"m{unit}"
+    return 1.0, unit
 
 
 def _percent(value: float, signed: bool = False) -> str:

@@ -265,7 +265,7 @@ def _page(image, view: _View, colours, title: str, every: int) -> Figure:
     bar = figure.colorbar(ScalarMappable(norm, colour_map), cax=bar_axes, extend=extend)
     bar.set_label(pictures.ANGLE_LABEL)
     if title:
-        figure.text(0.5 * width / (width + 0.9), 1.01, title, ha="center", va="bottom", fontsize=10)
+        figure.text(0.5, 1.01, title, ha="center", va="bottom", fontsize=10)
     if every > 1:
         note = f"each yarn drawn stands for {every}; heights {every} times as large"
         figure.text(0.01, -0.03, note, va="top", fontsize=8, color="0.35")
