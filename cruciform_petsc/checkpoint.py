@@ -455,7 +455,11 @@ def reopen(
     InputError
         On every rank: see `Checkpoint.resume`.
     """
+    if not on_root(comm, lambda: Path(target).exists()):
+        raise InputError(f'there is no "{target}", name a folder of results or a case file')
     if on_root(comm, lambda: Path(target).is_dir()):
+        if on_root(comm, lambda: not _is_there(target)):
+            raise InputError(_nothing_there(Path(target)))
         if overrides or output is not None:
             raise InputError(
                 f'the case comes from the checkpoint in "{target}"; --set and --output go with the '

@@ -8,6 +8,7 @@ stands here.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -92,13 +93,15 @@ _KINDS: dict[str, tuple[type[TestTable], str, dict[str, Any]]] = {
 KINDS = tuple(_KINDS)
 
 
-def new_case(kind: str) -> str:
+def new_case(kind: str, name: str = "") -> str:
     """Write a commented case file.
 
     Parameters
     ----------
     kind : str
         One of `KINDS`.
+    name : str
+        Of the folder of its results in ``results/``; by default one that no demo has.
 
     Returns
     -------
@@ -119,7 +122,7 @@ def new_case(kind: str) -> str:
     values = values | {
         "title": title,
         "test.kind": kind,
-        "output.directory": f"results/{kind.replace('-', '_')}",
+        "output.directory": f"results/{name or 'new_' + kind.replace('-', '_')}",
     }
     what = (table.__doc__ or "").splitlines()[0]
     lines = [
@@ -143,14 +146,15 @@ def new_case(kind: str) -> str:
 
 
 def write_new_case(kind: str, path: str | Path) -> None:
-    """Write `new_case` into a file that must not be there yet.
+    """Write `new_case` into a file that must not be there yet; results go by the file's name.
 
     Raises
     ------
     InputError
         No such kind, or the file is there or cannot be written.
     """
-    text = new_case(kind)
+    stem = re.sub(r"[^\w.+-]+", "_", Path(path).stem)
+    text = new_case(kind, stem if stem.strip("._") else "")
     try:
         with open(path, "x", encoding="utf-8") as file:
             file.write(text)

@@ -146,6 +146,8 @@ def test_refusals(case, tmp_path):
         f'there is no checkpoint in "{out}": nothing was reached there yet, or it is not the '
         "folder of a test at finite deformation; start with cruciform-petsc run CASE",
     )
+    (out / "checkpoint").mkdir()
+    (out / "checkpoint" / "newest").touch()
     result = cruciform_petsc(0, "resume", out, "--set", "test.increments=3")
     assert_refused(
         result,
@@ -183,6 +185,16 @@ def test_two_runs_in_one_folder(case, tmp_path):
     result = cruciform_petsc(0, "run", case, "--output", out, "--quiet")
     assert_refused(result, told)
     os.close(handle)
+
+
+def test_what_is_not_there(tmp_path):
+    """Neither folder nor case; a folder without a checkpoint, whatever else is asked for."""
+    result = cruciform_petsc(0, "resume", tmp_path / "nothere")
+    assert result.returncode == 2
+    assert "name a folder of results or a case file" in result.stderr
+    result = cruciform_petsc(0, "resume", tmp_path, "--set", "preform.refine=2")
+    assert result.returncode == 2
+    assert "there is no checkpoint in" in result.stderr
 
 
 def test_run_puts_an_unfinished_run_aside(case, tmp_path):

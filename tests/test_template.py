@@ -62,6 +62,16 @@ def test_new_prints(capfd):
     assert capfd.readouterr().out == new_case("biaxial")
 
 
+def test_results_go_by_the_name_of_the_file(tmp_path):
+    """Two cases of a kind do not share a folder, and none is a demo's."""
+    for file, folder in (("strip.toml", "strip"), ("my strip, 2.toml", "my_strip_2")):
+        write_new_case("biaxial", tmp_path / file)
+        assert Case.load(tmp_path / file).output.directory == f"results/{folder}"
+    demos = Path(__file__).parents[1] / "demos"
+    taken = {Case.load(path).output.directory for path in demos.glob("*.toml")}
+    assert not taken & {tomllib.loads(new_case(kind))["output"]["directory"] for kind in KINDS}
+
+
 def test_new_refuses(tmp_path, capfd):
     """A file that is there stays as it is; unknown kinds and folders are one sentence each."""
     path = tmp_path / "mine.toml"
