@@ -437,6 +437,12 @@ def warnings(result: TestResult) -> list[str]:
             f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
             f"shear law's table at {np.rad2deg(last):.1f} deg, where the law goes straight on"
         )
+    reach = getattr(experiment, "net_reach", lambda: None)()
+    if reach is not None and result.controls.max() > reach:
+        told.append(
+            f"beyond an extension of {format_si(float(f'{reach:.4g}'), 'm')}, where yarns that do "
+            "not stretch lie along the pull, the load is that of stretched yarns"
+        )
     strains = [state.fields["arm_strain"] for state in result.states]
     least = min(comm.allgather(min(float(strain.min(initial=0.0)) for strain in strains)))
     most = max(comm.allgather(max(float(strain.max(initial=0.0)) for strain in strains)))

@@ -255,6 +255,18 @@ def warned(made):
     return warnings(experiment.solve())
 
 
+def test_beyond_the_reach_of_the_net():
+    """2.4 cm x 5.4 cm: (sqrt 2 - 1) 30 mm."""
+    fabric = {"use": "e-glass-plain-2.4", "tension": {"compression": 0.1}}
+    size = ("2.4 cm", "5.4 cm")
+    assert not any(
+        "along" in told
+        for told in warned(case(size=size, finite=True, fabric=fabric, extension="12 mm"))
+    )
+    told = warned(case(size=size, finite=True, fabric=fabric, extension=["12 mm", "13 mm"]))
+    assert any("beyond an extension of 12.43 mm, where yarns" in sentence for sentence in told)
+
+
 def test_beyond_the_table():
     points = [[5.0, 0.01], [10.0, 0.03]]
     law = {"law": "table", "angle": "deg", "force": "N/mm", "points": points}

@@ -87,14 +87,18 @@ class BiasExtension(Experiment):
     def check(self) -> list[str]:
         """See Experiment.check; and how far the net reaches. Collective."""
         told = super().check()
-        gauge = self.net_gauge()
-        if gauge is not None:
-            reach = format_si(float(f"{(np.sqrt(2.0) - 1.0) * gauge:.4g}"), "m")
+        reach = self.net_reach()
+        if reach is not None:
             told.append(
-                f"yarns that do not stretch lie along the pull at an extension of {reach}: beyond, "
-                "they carry the load"
+                "yarns that do not stretch lie along the pull at an extension of "
+                f"{format_si(float(f'{reach:.4g}'), 'm')}: beyond, they carry the load"
             )
         return told
+
+    def net_reach(self) -> float | None:
+        """Extension at which an inextensible net's yarns lie along the pull, m; see net_gauge."""
+        gauge = self.net_gauge()
+        return None if gauge is None else float((np.sqrt(2.0) - 1.0) * gauge)
 
     def net_gauge(self) -> float | None:
         """Length L0 = H - W of an inextensible net that shears as in a bias test, m.
