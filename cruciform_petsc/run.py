@@ -87,6 +87,8 @@ def log_network(log: logging.Logger, statistics: dict) -> None:
         "           %d crossovers, %d arm ends, %d warp and %d weft yarns",
         *(statistics[key] for key in ("crossovers", "nodes", "warp_yarns", "weft_yarns")),
     )
+    if statistics["crossovers_per_rank_min"] == statistics["crossovers"]:  # one rank
+        return
     log.info(
         "           ranks hold %d to %d crossovers (imbalance %.3f), %d yarns cut between ranks",
         statistics["crossovers_per_rank_min"],
