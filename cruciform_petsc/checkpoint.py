@@ -21,7 +21,6 @@ share of the rows, and sends them to the ranks that own these places now. No ran
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import json
 import math
@@ -29,7 +28,6 @@ import os
 import shlex
 import shutil
 import struct
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import MISSING, asdict, dataclass, fields
@@ -41,7 +39,7 @@ import numpy as np
 from . import __version__
 from .case import Case, on_root
 from .errors import InputError
-from .output.folder import prepare_directory
+from .output.folder import lock_directory, prepare_directory, unlock_directory
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -58,7 +56,6 @@ NAME = b"cruciform_petsc checkpoint "
 KEY, POSITION = np.dtype("<i8"), np.dtype("<f8")
 SEAL = struct.Struct("<Q32s")  # length without the seal, SHA-256 of the SHA-256 of the blocks
 BLOCK = 1 << 20  # bytes that are read and hashed at a time
-PATIENCE = 3.0  # s, with a run that is just being ended in the same folder
 ANEW = "begin anew with cruciform-petsc run"
 
 
@@ -135,7 +132,7 @@ class Checkpoint:
         def prepare() -> bool:
             try:
                 checkpoint.directory.mkdir(parents=True, exist_ok=True)
-                _lock(checkpoint.directory)
+                lock_directory(checkpoint.directory)
                 found = _is_there(checkpoint.directory)
                 if found:
                     shutil.rmtree(old, ignore_errors=True)
@@ -401,7 +398,7 @@ class Checkpoint:
             new.replace(final)
             _sync_folder(self.folder)
 
-        on_root(comm, lambda: _lock(self.directory))
+        on_root(comm, lambda: lock_directory(self.directory))
         try:
             _on_root(comm, start)
             _on_all(comm, fill, InputError)
@@ -430,7 +427,7 @@ class Checkpoint:
         """Remove it, as the results are there. Problems are not worth a word then."""
         if self.comm.rank == 0:
             shutil.rmtree(self.folder, ignore_errors=True)
-            _unlock(self.directory)
+            unlock_directory(self.directory)
         self.comm.barrier()
 
 
@@ -465,7 +462,7 @@ def reopen(
                 f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
                 "case file: cruciform-petsc resume CASE"
             )
-        on_root(comm, lambda: _lock(Path(target)))
+        on_root(comm, lambda: lock_directory(Path(target)))
         return Checkpoint.resume(comm, target)
     case = Case.load_collective(comm, target, overrides)
     directory = Path(case.output.directory if output is None else output)
@@ -475,7 +472,7 @@ def reopen(
             f"{ANEW} {target}"
         )
     prepare_directory(comm, directory)
-    on_root(comm, lambda: _lock(directory))
+    on_root(comm, lambda: lock_directory(directory))
     if on_root(comm, lambda: not _is_there(directory) and not _is_finished(directory)):
         checkpoint = Checkpoint.begin(comm, directory, case)
         checkpoint.notes.append(f'nothing was reached in "{directory}" yet, so it begins at rest')
@@ -699,47 +696,6 @@ def _sync_folder(folder: Path) -> None:
         with suppress(OSError):  # some file systems cannot
             os.fsync(handle)
     finally:
-        os.close(handle)
-
-
-# Folders of results that this process (of rank 0) has taken for itself, and their handles.
-_locks: dict[str, int] = {}
-
-
-def _lock(directory: Path) -> None:
-    """Take a folder for this process until it ends; not collective.
-
-    Two runs that write to one folder would each take the other's files for its own.
-    """
-    name = os.path.realpath(directory)
-    if name in _locks:
-        return
-    try:
-        handle = os.open(name, os.O_RDONLY)
-    except OSError as error:
-        raise InputError(f'"{directory}" cannot be used: {error.strerror}') from None
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() > deadline:
-                os.close(handle)
-                raise InputError(
-                    f'another run is writing to "{directory}": wait for it to end, or give this '
-                    "one another folder with --output"
-                ) from None
-            time.sleep(0.05)
-            continue
-        except OSError:
-            pass  # a file system without locks
-        _locks[name] = handle
-        return
-
-
-def _unlock(directory: Path) -> None:
-    handle = _locks.pop(os.path.realpath(directory), None)
-    if handle is not None:
         os.close(handle)
 
 

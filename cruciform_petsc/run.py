@@ -34,7 +34,7 @@ from .experiments.result import TestResult
 from .network import Network
 from .output import figures, paraview, tables
 from .output.figures import ROUNDING_N, control_text
-from .output.folder import remove_results
+from .output.folder import locked, remove_results
 from .output.progress import Route, progress_bar
 from .output.report import force_text, tension_text, write_report
 from .provenance import file_notes, provenance, versions
@@ -178,6 +178,19 @@ def run_case(
     checkpoint : Checkpoint, optional
         To go on from; by default the test begins at rest.
     """
+    if case.test.finite:
+        return _run_case(comm, case, directory, log, checkpoint)  # checkpoints lock the folder
+    with locked(comm, directory):
+        return _run_case(comm, case, directory, log, None)
+
+
+def _run_case(
+    comm: MPI.Intracomm,
+    case: Case,
+    directory: Path,
+    log: logging.Logger,
+    checkpoint: Checkpoint | None,
+) -> dict:
     _check_comparison(case)
     measured = _read_measured(comm, case)
     stages = Stages(comm, log)

@@ -10,6 +10,7 @@ import pytest
 
 from cruciform_petsc.case import Case
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.solvers import linear
 
 SPECIMEN = """
 title = "the paper's specimen"
@@ -562,14 +563,35 @@ def test_files(tmp_path, write):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("nonsense=3", 'has the option "nonsense", which sets no solver: names begin with ksp_'),
-        ("pc_type='python'", 'must not run code, as "pc_type" does'),
-        ("pc_python_type='evil.py:Boom'", 'must not run code, as "pc_python_type" does'),
-        ("mg_levels_pc_python_type='evil.Boom'", "must not run code"),
-        ("ksp_view=':file.txt'", '"ksp_view" can be true or false only'),
-        ("ksp_view_mat='binary'", '"ksp_view_mat" can be true or false only'),
-        ("snes_monitor='ascii'", '"snes_monitor" can be true or false only'),
-        ("mat_mumps_ooc_tmpdir='/etc'", '"mat_mumps_ooc_tmpdir" must be a word or numbers'),
+        *(
+            (f"{name}={value}", f'has the option "{name}", which a case file may not set')
+            for name, value in (
+                ("nonsense", "3"),
+                ("pc_python_type", "'evil.py:Boom'"),
+                ("mg_levels_pc_python_type", "'evil.Boom'"),
+                ("sub_0_pc_PYTHON_type", "'evil.Boom'"),
+                ("pc_composite_pcs", "'python,jacobi'"),
+                ("PC_TYPE", "'cg'"),
+                ("ksp_VIEW", "'binary'"),
+                ("ksp_view_mat", "'binary'"),
+                ("pc_mg_dump_binary", "true"),
+                ("mat_mumps_ooc_tmpdir", "'/etc'"),
+                ("mat_mumps_icntl_22", "1"),
+                ("mat_mumps_icntl_1", "7"),
+                ("options_file", "'x'"),
+            )
+        ),
+        *(
+            (f"{name}={value}", f'"{name}" must be {what}')
+            for name, value, what in (
+                ("pc_type", "'python'", "a number or one of PETSc's words that run no code"),
+                ("ksp_type", "'PYTHON'", "a number or one of PETSc's words that run no code"),
+                ("pc_type", "'a/b'", "a number or one of PETSc's words that run no code"),
+                ("ksp_view", "':file.txt'", "true or false"),
+                ("ksp_converged_reason", "'binary'", "true or false"),
+                ("sub_ksp_monitor", "'ascii'", "true or false"),
+            )
+        ),
     ],
 )
 def test_options_neither_run_code_nor_write_files(write, options, message):
@@ -581,3 +603,13 @@ def test_options_neither_run_code_nor_write_files(write, options, message):
     data["solver"]["options"] = tomllib.loads(options)
     with pytest.raises(InputError, match=re.escape(message)):
         Case.from_data(data)
+
+
+def test_the_program_s_own_settings_may_be_set(write):
+    """What it gives PETSc itself, and what the documentation names, a case may give, too."""
+    own = linear.DIRECT | linear.ITERATIVE | linear.YARN_MULTIGRID | linear.LEAST_NORM
+    own |= {"mg_yarn_sweeps": 3, "ksp_view": True, "mat_mumps_icntl_14": 300}
+    own |= {"pc_hypre_type": "boomeramg", "pc_gamg_threshold": 0.01, "mg_levels_1_pc_type": "sor"}
+    data = Case.load(write(SPECIMEN)).model_dump()
+    data["solver"]["options"] = own
+    assert Case.from_data(data).solver.options == own

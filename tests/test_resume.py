@@ -197,6 +197,33 @@ def test_what_is_not_there(tmp_path):
     assert "there is no checkpoint in" in result.stderr
 
 
+def test_a_folder_in_use_is_left_alone(case, tmp_path):
+    """A run at small displacements, too, neither removes nor writes anything there."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "increments.csv").write_text("of a run that goes on")
+    handle = os.open(out, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        for finite in ("false", "true"):
+            options = ("--set", f"test.finite={finite}", "--output", out)
+            result = cruciform_petsc(0, "run", case, *options)
+            assert result.returncode == 2, result.stderr
+            assert "another run is writing to" in result.stderr
+    finally:
+        os.close(handle)
+    assert {path.name for path in out.iterdir()} == {"increments.csv"}
+
+
+def test_options_of_petsc_when_resumed(case, tmp_path):
+    """PETSc is started with them, not by reading the checkpoint."""
+    out = tmp_path / "out"
+    assert interrupted(case, out, signal.SIGINT, 3).returncode == 130
+    result = cruciform_petsc(0, "resume", out, "-log_view", f":{tmp_path}/log.txt")
+    assert result.returncode == 0, result.stderr
+    assert "PETSc Performance Summary" in (tmp_path / "log.txt").read_text()
+
+
 def test_run_puts_an_unfinished_run_aside(case, tmp_path):
     out = tmp_path / "out"
     assert interrupted(case, out, signal.SIGINT, 3).returncode == 130

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import tempfile
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +19,9 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+PATIENCE = 3.0  # s, with a run that is just being ended in the same folder
+# Folders that this process (of rank 0) has taken for itself, and their handles.
+_locks: dict[str, int] = {}
 # All that a run may leave but its checkpoint. What stays of an earlier one would look like the
 # results of the next.
 RESULTS = (
@@ -96,3 +103,56 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
         return folder
 
     return on_root(comm, prepare)
+
+
+def lock_directory(directory: Path) -> None:
+    """Take a folder for this process until it ends; not collective.
+
+    Two runs that write to one folder would each take the other's files for its own.
+
+    Raises
+    ------
+    InputError
+        Another process has it and keeps it for some seconds more, or it cannot be opened.
+    """
+    name = os.path.realpath(directory)
+    if name in _locks:
+        return
+    try:
+        handle = os.open(name, os.O_RDONLY)
+    except OSError as error:
+        raise InputError(f'"{directory}" cannot be used: {error.strerror}') from None
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                os.close(handle)
+                raise InputError(
+                    f'another run is writing to "{directory}": wait for it to end, or give this '
+                    "one another folder with --output"
+                ) from None
+            time.sleep(0.05)
+            continue
+        except OSError:
+            pass  # a file system without locks
+        _locks[name] = handle
+        return
+
+
+def unlock_directory(directory: Path) -> None:
+    """Give a folder back; not collective."""
+    handle = _locks.pop(os.path.realpath(directory), None)
+    if handle is not None:
+        os.close(handle)
+
+
+@contextmanager
+def locked(comm: MPI.Intracomm, directory: Path) -> Iterator[None]:
+    """Have a folder for this run alone while the block runs. Collective."""
+    on_root(comm, lambda: lock_directory(directory))
+    try:
+        yield
+    finally:  # on rank 0, wherever the others are
+        unlock_directory(directory)
