@@ -646,8 +646,8 @@ class SolverTable(_Table):
 
     options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = Field(
         default={},
-        description="PETSc options of the network's solver. Without dash and prefix. Settings of solvers "
-        "only: nothing that could run code or write files.",
+        description="PETSc options of the network's solver. Without dash and prefix. Settings of "
+        "solvers only: nothing that could run code or write files.",
         examples=[{"ksp_type": "cg", "ksp_rtol": 1e-9}],
     )
 
