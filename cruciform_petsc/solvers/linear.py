@@ -129,6 +129,11 @@ def set_from_options(
 
     Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
     """
+    try:
+        solver.setFromOptions()
+        return
+    except PETSc.Error as error:
+        refused = error
     database = PETSc.Options(prefix)
     source = "solver.options or the command line" if prefix == PREFIX else "the command line"
     for name, kind in (("snes_type", PETSc.SNES), ("ksp_type", PETSc.KSP), ("pc_type", PETSc.PC)):
@@ -146,13 +151,10 @@ def set_from_options(
             ) from error
         finally:
             probe.destroy()
-    try:
-        solver.setFromOptions()
-    except PETSc.Error as error:
-        raise InputError(
-            f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
-            f"{error.ierr}): correct it or leave it out"
-        ) from error
+    raise InputError(
+        f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
+        f"{refused.ierr}): correct it or leave it out"
+    ) from refused
 
 
 def reason_name(reason: int) -> str:
