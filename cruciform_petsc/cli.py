@@ -223,7 +223,6 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
         checkpoint = reopen(comm, args.case, args.set, args.output)
         directory = prepare_directory(comm, checkpoint.directory)
         running.append(directory)
-
         run_case(comm, checkpoint.case, directory, log, checkpoint)
         return
     if args.command == "compare":

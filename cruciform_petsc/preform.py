@@ -115,6 +115,16 @@ class Preform:
             edges[name] = _segments_on(self.outline, name, segments)
         put("edges", edges)
 
+    def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
+        """Width and length of a rectangle along x and y, m; None for anything else.
+
+        ``tolerance`` is for the area, relative.
+        """
+        x0, y0, x1, y1 = self.outline.bounds
+        width, length = float(x1 - x0), float(y1 - y0)
+        off = abs(self.outline.area - width * length)
+        return (width, length) if off <= tolerance * width * length else None
+
     @classmethod
     def rectangle(
         cls,

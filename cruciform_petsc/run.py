@@ -22,6 +22,7 @@ from .calibration.curve import MeasuredCurve, read_curve
 from .case import Case, on_root
 from .checkpoint import Checkpoint, resume_command
 from .compare import against_measured, check_measured, load_line
+from .elements.kinematics import net_reach
 from .errors import InputError, SolverError
 from .experiments.base import Experiment
 from .experiments.bias_extension import BiasExtension
@@ -452,11 +453,12 @@ def warnings(result: TestResult) -> list[str]:
             f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
             f"shear law's table at {np.rad2deg(last):.1f} deg, where the law goes straight on"
         )
-    reach = getattr(experiment, "net_reach", lambda: None)()
-    if reach is not None and result.controls.max() > reach:
+    gauge = experiment.net_gauge()
+    if gauge is not None and result.controls.max() > net_reach(gauge):
+        reach = format_si(float(f"{net_reach(gauge):.4g}"), "m")
         told.append(
-            f"beyond an extension of {format_si(float(f'{reach:.4g}'), 'm')}, where yarns that do "
-            "not stretch lie along the pull, the load is that of stretched yarns"
+            f"beyond an extension of {reach}, where yarns that do not stretch lie along the pull, "
+            "the load is that of stretched yarns"
         )
     strains = [state.fields["arm_strain"] for state in result.states]
     least = min(comm.allgather(min(float(strain.min(initial=0.0)) for strain in strains)))

@@ -22,12 +22,12 @@ from cruciform_petsc.calibration import (
 )
 from cruciform_petsc.calibration.formula import (
     frame_angle,
-    net_angle,
     torque_from_frame,
     torque_from_loads,
 )
 from cruciform_petsc.calibration.identify import LoadCurve, table_changes
 from cruciform_petsc.case import Case
+from cruciform_petsc.elements.kinematics import net_angle
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.fabric import Fabric
 from cruciform_petsc.network import Network
@@ -157,20 +157,20 @@ def test_formula_is_the_work_of_the_zones(ratio, law):
     assert middle + side + width**2 / 2 == pytest.approx(width * length, rel=1e-14)
 
     def energy(d):
-        g = net_angle(d, width, length)
+        g = net_angle(d, length - width)
         return middle * law.evaluate(g)[0] + side * law.evaluate(0.5 * g)[0]
 
     d = np.linspace(0.001, 0.35 * (length - width), 7)
     force = (energy(d + 1e-7) - energy(d - 1e-7)) / 2e-7
     np.testing.assert_allclose(
-        net_load(net_angle(d, width, length), law, width, length), force, 1e-6
+        net_load(net_angle(d, length - width), law, width, length), force, 1e-6
     )
 
 
 def test_formula_backwards():
     """Exact for a straight line; for a curved law to its bend between measured points."""
     d = np.linspace(0.0005, 0.038, 60)
-    g = net_angle(d, 0.1, 0.2)
+    g = net_angle(d, 0.1)
     for law, tolerance in ((linear(20.0), 1e-10), (RISING, 1e-3)):
         angle, torque = torque_from_loads(d, net_load(g, law, 0.1, 0.2), 0.1, 0.2)
         inside = g < np.deg2rad(75)

@@ -22,22 +22,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..elements.kinematics import net_angle
+
 # Where the net is all but stretched out, a little yarn strain is much shear: g there is made up.
 LARGEST_ANGLE = np.deg2rad(75.0)
-
-
-def net_angle(displacement: np.ndarray, width: float, length: float) -> np.ndarray:
-    """Shear angle in the middle, rad; NaN past what an inextensible net can do.
-
-    Parameters
-    ----------
-    displacement : float (n,)
-    width, length : float
-        Of the whole specimen, m.
-    """
-    gauge = length - width
-    cosine = (gauge + np.asarray(displacement, float)) / (np.sqrt(2.0) * gauge)
-    return 0.5 * np.pi - 2.0 * np.arccos(np.where(cosine <= 1.0, cosine, np.nan))
 
 
 def torque_from_loads(
@@ -55,7 +43,7 @@ def torque_from_loads(
     width, length : float
         Of the whole specimen, m; length >= 2 width.
     """
-    g = net_angle(displacement, width, length)
+    g = net_angle(displacement, length - width)
     reached = g <= LARGEST_ANGLE  # NaN is not
     g, force = g[reached], np.asarray(force, float)[reached]
     angle, torque = np.zeros(len(g) + 1), np.zeros(len(g) + 1)

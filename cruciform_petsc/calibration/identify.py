@@ -35,6 +35,7 @@ import numpy as np
 from ..constraints import Constraints
 from ..elements import energy as kernels
 from ..elements.energy import ENERGY, FORCE, Cloth
+from ..elements.kinematics import net_reach
 from ..errors import CruciformError, InputError
 from ..experiments.base import Experiment
 from ..experiments.bias_extension import BiasExtension
@@ -50,6 +51,7 @@ from .curve import MeasuredCurve
 from .formula import frame_angle, torque_from_frame, torque_from_loads
 
 KINDS = ("bias-extension", "picture-frame")
+OFF_RECTANGLE = 1e-6  # of its area, that a rectangle given as a polygon may be
 # Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
 LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
 SMOOTHING = 0.3
@@ -936,7 +938,7 @@ def _check_reach(network: Network, displacement: float, kind: str, upper: str) -
     if size is None:
         return
     factor = 2.0 if upper == "centre-line" else 1.0
-    reach = (np.sqrt(2.0) - 1.0) * (factor * size[1] - size[0]) / factor
+    reach = net_reach(factor * size[1] - size[0]) / factor
     if 0.0 < 1.5 * reach < displacement:
         raise InputError(
             f"the data go to {format_si(displacement, 'm')}, but the yarns of a specimen of "
@@ -947,7 +949,7 @@ def _check_reach(network: Network, displacement: float, kind: str, upper: str) -
 
 def _strip(network: Network) -> tuple[float, float] | None:
     """Width and length of a rectangle cut at 45 degrees, or None for anything else."""
-    size = _rectangle(network)
+    size = network.preform.sides(OFF_RECTANGLE)
     if size is None or abs(np.cos(2.0 * network.preform.bias_angle)) > 0.05:
         return None
     return size
@@ -955,18 +957,10 @@ def _strip(network: Network) -> tuple[float, float] | None:
 
 def _frame(network: Network) -> tuple[float, float]:
     """Sides of a picture frame, m."""
-    size = _rectangle(network)
+    size = network.preform.sides(OFF_RECTANGLE)
     if size is None:
         raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
     return size
-
-
-def _rectangle(network: Network) -> tuple[float, float] | None:
-    """Width and length of a rectangle, or None for anything else."""
-    outline = network.preform.outline
-    low_x, low_y, high_x, high_y = outline.bounds
-    width, length = high_x - low_x, high_y - low_y
-    return (width, length) if abs(outline.area / (width * length) - 1.0) <= 1e-6 else None
 
 
 def _knots(angles: Any, reached: float) -> np.ndarray:

@@ -162,6 +162,13 @@ class Experiment:
         """Largest step of the control at finite deformation; None: from value to value."""
         return None
 
+    def net_gauge(self) -> float | None:
+        """Gauge length, m, of a strip that an inextensible net would shear like a bias test.
+
+        See elements.kinematics.net_angle; None where the test is no such thing.
+        """
+        return None
+
     # -- common parts -----------------------------------------------------------------------------
 
     def check(self) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..assembly import LinearNetwork
 from ..constraints import Constraints
+from ..elements.kinematics import net_reach
 from ..errors import InputError
 from ..network import Network
 from ..solvers.separate import solve_separately
@@ -87,32 +88,23 @@ class BiasExtension(Experiment):
     def check(self) -> list[str]:
         """See Experiment.check; and how far the net reaches. Collective."""
         told = super().check()
-        reach = self.net_reach()
-        if reach is not None:
+        gauge = self.net_gauge()
+        if gauge is not None:
+            reach = format_si(float(f"{net_reach(gauge):.4g}"), "m")
             told.append(
-                "yarns that do not stretch lie along the pull at an extension of "
-                f"{format_si(float(f'{reach:.4g}'), 'm')}: beyond, they carry the load"
+                f"yarns that do not stretch lie along the pull at an extension of {reach}: beyond, "
+                "they carry the load"
             )
         return told
 
-    def net_reach(self) -> float | None:
-        """Extension at which an inextensible net's yarns lie along the pull, m; see net_gauge."""
-        gauge = self.net_gauge()
-        return None if gauge is None else float((np.sqrt(2.0) - 1.0) * gauge)
-
     def net_gauge(self) -> float | None:
-        """Length L0 = H - W of an inextensible net that shears as in a bias test, m.
-
-        For rectangles cut at 45 degrees with H >= 2 W and grips at both ends; None for all others.
-        Cao et al. 2008, Composites A 39:1037, eq. 12.
-        """
+        """H - W of a rectangle cut at 45 degrees, H >= 2 W, with grips at both ends; else None."""
         preform = self.network.preform
-        low_x, low_y, high_x, high_y = preform.outline.bounds
-        width, length = high_x - low_x, high_y - low_y
-        box = abs(preform.outline.area - width * length) < 1e-9 * width * length
-        at_45 = abs(np.cos(2.0 * preform.bias_angle)) < 1e-9
-        grip = self.upper == "grip" and getattr(self, "ends", "grip") == "grip"
-        return length - width if box and at_45 and grip and length > 1.999999 * width else None
+        sides = preform.sides() if self.upper == "grip" else None
+        if sides is None or abs(np.cos(2.0 * preform.bias_angle)) >= 1e-9:
+            return None
+        width, length = sides
+        return length - width if length >= 2.0 * width * (1 - 1e-9) else None
 
     def membrane(self, result: TestResult, size: float | None = None) -> Any:
         """The membrane under the last extension (dolfinx). Collective."""

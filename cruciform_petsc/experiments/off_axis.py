@@ -67,6 +67,10 @@ class OffAxisTension(BiasExtension):
         constraints.pin(best[1], (1,))
         return grips
 
+    def net_gauge(self) -> float | None:
+        """See BiasExtension.net_gauge; free ends have none."""
+        return None if self.ends == "free" else super().net_gauge()
+
     def membrane(self, result: TestResult, size: float | None = None) -> Any:
         """The membrane under the last extension (dolfinx); for gripped ends. Collective."""
         self._refuse_free_ends()

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..assembly import MODES
+from ..elements.kinematics import net_angle
 from . import pictures, scene
 from .pictures import ROUNDING_DEG
 from .sample import YarnSample, sample_map, sample_yarns
@@ -151,26 +151,12 @@ def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSam
     Coloured by shear angle, of which a biaxial test has none: by the yarns' tension there.
     """
     comm, clamps = result.network.comm, _clamps(result, result.states[-1])
-    sample, label = _yarns(result), pictures.ANGLE_LABEL
+    values, label = None, pictures.ANGLE_LABEL
     if result.experiment.kind == "biaxial":
-        sample, label = _with_tension(result, sample), "tension (N per yarn)"
+        values, label = tuple(_tension_values(result).values()), "tension (N per yarn)"
+    sample = _yarns(result, values)
     pictures.yarns_before_and_after(comm, path, sample, title, clamps=clamps, label=label)
     return sample
-
-
-def _with_tension(result: TestResult, sample: YarnSample | None) -> YarnSample | None:
-    """The sample with the tension of each family, N per yarn, for its shear angle. Collective."""
-    network, fields = result.network, result.fields
-    warp, weft = (
-        sample_yarns(
-            network, result.node_displacement, {**fields, "shear_angle": np.deg2rad(tension)}
-        )
-        for tension in _tension_values(result).values()
-    )
-    if sample is None or warp is None or weft is None:
-        return None
-    both = np.where(sample.family == 0, warp.shear_angle_deg, weft.shear_angle_deg)
-    return replace(sample, shear_angle_deg=both)
 
 
 def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
@@ -206,8 +192,8 @@ def to_lattice(network: Network) -> np.ndarray:
     return np.column_stack([turned, -turned @ network.preform.lattice_origin])
 
 
-def _yarns(result: TestResult) -> YarnSample | None:
-    return sample_yarns(result.network, result.node_displacement, result.fields)
+def _yarns(result: TestResult, values: Sequence[np.ndarray] | None = None) -> YarnSample | None:
+    return sample_yarns(result.network, result.node_displacement, result.fields, values=values)
 
 
 def _clamps(result: TestResult, state: State) -> list:
@@ -338,15 +324,10 @@ def _draw_energies(path: Path, result: TestResult, title: str) -> None:
 def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
     """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
 
-    90 deg - 2 arccos((L0 + d)/(sqrt(2) L0)), Cao et al. 2008, Composites A 39:1037, eq. 12; NaN
-    beyond its end. None where it has no such kinematics (BiasExtension.net_gauge).
+    NaN beyond its reach; None where a test has no such kinematics (Experiment.net_gauge).
     """
-    free = getattr(result.experiment, "net_gauge", lambda: None)()
-    if free is None:
-        return None
-    cosine = (free + np.asarray(extension)) / (np.sqrt(2.0) * free)
-    cosine = np.where(cosine <= 1.0, cosine, np.nan)
-    return 90.0 - 2.0 * np.rad2deg(np.arccos(cosine))
+    gauge = result.experiment.net_gauge()
+    return None if gauge is None else np.rad2deg(net_angle(extension, gauge))
 
 
 def _draw_zones(path: Path, result: TestResult, curve, title: str) -> None:

@@ -42,7 +42,6 @@ CAPTIONS = {  # {at}: the last value asked for
     "load_against_deflection.png": "Load against the deflection of the loaded edge.",
     "load_against_extension.png": "Load against extension.",
     "load_against_angle.png": "Load against the shear angle of the frame.",
-    "load_against_load.png": "Load.",
     "load_against_crosshead.png": "Load against the displacement of the crosshead.",
 }
 MAPS = (

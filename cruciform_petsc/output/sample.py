@@ -7,7 +7,7 @@ and every k-th crossover along it, or blocks of k x k crossovers are averaged.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ class YarnSample:
     before, displacement : float (n, 2)
         Metres.
     shear_angle_deg : float (n,)
-        NaN where a crossover carries nothing.
+        NaN where a crossover carries nothing. Or what `sample_yarns` was given in its place.
     family : int8 (n,)
         0 warp, 1 weft.
     first : int64 (m,)
@@ -97,6 +97,7 @@ def sample_yarns(
     node_displacement: np.ndarray,
     fields: Mapping[str, np.ndarray],
     limit: int = YARN_LIMIT,
+    values: Sequence[np.ndarray] | None = None,
 ) -> YarnSample | None:
     """Gather yarns, or every k-th of them, on rank 0. Collective.
 
@@ -110,14 +111,18 @@ def sample_yarns(
         LinearNetwork.crossover_fields.
     limit : int
         Each family's yarns are taken with at most so many crossovers.
+    values : two of float (n,), optional
+        Of warp and weft at the crossovers, to be taken in place of the shear angle.
 
     Returns
     -------
     YarnSample on rank 0, None on the others.
     """
-    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    hinge = np.column_stack([network.crossover_position, fields["displacement"], shear])
-    node = np.column_stack([network.node_position, node_displacement, node_means(network, shear)])
+    if values is None:
+        values = 2 * [np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)]
+    hinge = np.column_stack([network.crossover_position, fields["displacement"], *values])
+    means = [node_means(network, value) for value in values]
+    node = np.column_stack([network.node_position, node_displacement, *means])
     every = _stride(network, limit)
     while True:
         taken = [_places(network, family, every) for family in (0, 1)]
@@ -133,7 +138,7 @@ def sample_yarns(
             (node[nodes[0]], nodes[1], node_place, node_starts),
         ):
             key = [np.full(len(rows), family), line[rows], at, start]
-            parts.append(np.column_stack([*key, points]))
+            parts.append(np.column_stack([*key, points[:, [0, 1, 2, 3, 4 + family]]]))
     gathered = network.comm.gather(np.concatenate(parts))
     if gathered is None:
         return None
