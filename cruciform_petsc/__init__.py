@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .case import Case
+    from .case.schema import Case
+    from .cloth.fabric import Fabric, YarnFamily
+    from .cloth.preform import Preform
     from .errors import CruciformError, InputError, SolverError
     from .experiments.bias_extension import BiasExtension
     from .experiments.biaxial import Biaxial
@@ -22,9 +24,7 @@ if TYPE_CHECKING:
     from .experiments.pantograph import Pantograph
     from .experiments.picture_frame import PictureFrame
     from .experiments.result import TestResult
-    from .fabric import Fabric, YarnFamily
-    from .network import Network
-    from .preform import Preform
+    from .net.network import Network
 
 _HOME = {
     "BiasExtension": "experiments.bias_extension",
@@ -32,16 +32,16 @@ _HOME = {
     "Cantilever": "experiments.cantilever",
     "Case": "case",
     "CruciformError": "errors",
-    "Fabric": "fabric",
+    "Fabric": "cloth.fabric",
     "InputError": "errors",
-    "Network": "network",
+    "Network": "net.network",
     "OffAxisTension": "experiments.off_axis",
     "Pantograph": "experiments.pantograph",
     "PictureFrame": "experiments.picture_frame",
-    "Preform": "preform",
+    "Preform": "cloth.preform",
     "SolverError": "errors",
     "TestResult": "experiments.result",
-    "YarnFamily": "fabric",
+    "YarnFamily": "cloth.fabric",
 }
 __all__ = [
     "BiasExtension",

@@ -18,10 +18,11 @@ from mpi4py import MPI
 from .calibration import MeasuredCurve, read_curve
 from .calibration.identify import KINDS, Calibration, Specimen, calibrate, calibrate_together
 from .calibration.predict import Prediction, predict
-from .calibration.report import hold_out_summary, write, write_hold_out
-from .case import Case, on_root
+from .case.schema import Case
 from .errors import InputError
-from .network import Network
+from .net.network import Network
+from .output.calibration import hold_out_summary, write, write_hold_out
+from .parallel import on_root
 from .units import format_si
 
 __all__ = ["calibrate", "calibrate_case", "predict"]

@@ -22,11 +22,12 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from .case import Case, on_root
+from .case.schema import Case
+from .case.template import KINDS, new_case, write_new_case
+from .cloth.fabric import Fabric, fabric_names
 from .errors import CruciformError, InputError
-from .fabric import Fabric, fabric_names
 from .output.folder import prepare_directory
-from .template import KINDS, new_case, write_new_case
+from .parallel import on_root
 from .units import format_si
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     running: list[Path] = []
 
     def hint() -> str:
-        from .checkpoint import hint
+        from .output.checkpoint import hint
 
         return hint(running[-1], comm.size) if running else ""
 
@@ -217,7 +218,7 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
     log = _logger(comm, args.quiet, args.verbose)
     if args.command == "resume":
         _start_petsc(petsc_options)  # what a checkpoint is made of imports it
-        from .checkpoint import reopen
+        from .output.checkpoint import reopen
         from .run import run_case
 
         checkpoint = reopen(comm, args.case, args.set, args.output)

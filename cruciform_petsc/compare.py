@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .calibration.curve import read_curve
-from .case import on_root
 from .errors import InputError
 from .output import pictures
 from .output.folder import prepare_directory
 from .output.tables import write_json
+from .parallel import on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI

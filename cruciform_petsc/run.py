@@ -17,29 +17,30 @@ import numpy as np
 from mpi4py import MPI
 
 from . import __version__
-from .assembly import MODES
 from .calibration.curve import MeasuredCurve, read_curve
-from .case import Case, on_root
-from .checkpoint import Checkpoint, resume_command
+from .case.schema import Case
 from .compare import against_measured, check_measured, load_line
 from .elements.kinematics import net_reach
+from .equilibrium.newton import EquilibriumError, Increment
 from .errors import InputError, SolverError
-from .experiments.base import Experiment
 from .experiments.bias_extension import BiasExtension
 from .experiments.biaxial import Biaxial
 from .experiments.cantilever import Cantilever
+from .experiments.experiment import Experiment
 from .experiments.off_axis import OffAxisTension
 from .experiments.pantograph import Pantograph
 from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
-from .network import Network
+from .net.network import Network
 from .output import figures, paraview, tables
+from .output.checkpoint import Checkpoint, resume_command
 from .output.figures import ROUNDING_N, control_text
 from .output.folder import locked, remove_results
 from .output.progress import Route, progress_bar
+from .output.provenance import file_notes, provenance, versions
 from .output.report import force_text, tension_text, write_report
-from .provenance import file_notes, provenance, versions
-from .solvers.nonlinear import EquilibriumError, Increment
+from .parallel import on_root
+from .small.network import MODES
 from .units import format_si
 
 SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
@@ -78,7 +79,7 @@ def peak_mib(comm: MPI.Intracomm) -> list[float]:
 def log_compilation(log: logging.Logger) -> None:
     """Tell that kernels will be compiled, where there is no cache of compiled ones beside them."""
     here = Path(__file__).parent
-    if os.access(here, os.W_OK) and not any(here.glob("__pycache__/pattern.*.nbi")):
+    if os.access(here, os.W_OK) and not any(here.glob("solvers/__pycache__/pattern.*.nbi")):
         log.info("           first run here: kernels are compiled, once, which takes some 10 s")
 
 

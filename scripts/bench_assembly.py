@@ -15,8 +15,8 @@ import benchlib
 from benchlib import COMM, TABLE_1, Table, best, clock, outline
 
 from cruciform_petsc import Network, Preform
-from cruciform_petsc.assembly import LinearNetwork
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.small.network import LinearNetwork
 
 
 def entries(matrix) -> int:

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from cruciform_petsc.elements import energy
-from cruciform_petsc.potential import linear, table
+from cruciform_petsc.laws import linear, table
 
 NUMBER, RUNS = 250_000, 7
 LINEAR = linear(600.0).packed

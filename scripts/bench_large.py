@@ -18,7 +18,7 @@ from pathlib import Path
 import benchlib
 from benchlib import COMM, TABLE_1, Table, clock
 
-from cruciform_petsc.case import Case
+from cruciform_petsc.case.schema import Case
 from cruciform_petsc.run import run_case
 
 CASE = """\

@@ -22,8 +22,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from cruciform_petsc import Fabric, Network, Preform
-from cruciform_petsc.assembly import LinearNetwork
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.small.network import LinearNetwork
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")

@@ -16,7 +16,7 @@ from pydantic import BaseModel, PlainValidator
 from pydantic.fields import FieldInfo
 
 from cruciform_petsc import case
-from cruciform_petsc.template import choices, own_keys_first, toml_value
+from cruciform_petsc.case.template import choices, own_keys_first, toml_value
 from cruciform_petsc.units import describe
 
 PAGE = Path(__file__).parents[1] / "docs" / "case-file.md"

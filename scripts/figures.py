@@ -16,9 +16,9 @@ import shapely
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform, YarnFamily
-from cruciform_petsc.assembly import LinearNetwork
-from cruciform_petsc.constraints import Constraints
 from cruciform_petsc.continuum.membrane import Membrane
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.linear import LinearSolver
 
 COMM = MPI.COMM_WORLD

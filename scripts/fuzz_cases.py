@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 # The parent starts processes and is no rank itself: what needs MPI is imported in the workers.
-from cruciform_petsc.template import KINDS, new_case, toml_value
+from cruciform_petsc.case.template import KINDS, new_case, toml_value
 
 MEMORY = 500_000_000  # bytes
 OK, REFUSED, FAULT, HANG = "ok", "refused", "traceback", "hang"

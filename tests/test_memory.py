@@ -5,15 +5,15 @@ import time
 import tracemalloc
 
 import pytest
-from helpers import TABLE_1
 from mpi4py import MPI
+from support.helpers import TABLE_1
 
 from cruciform_petsc import memory
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.memory import check_memory, machine_memory
-from cruciform_petsc.network import _BYTES, Network
-from cruciform_petsc.preform import Preform
+from cruciform_petsc.net.network import _BYTES, Network
 
 
 @pytest.mark.parametrize(

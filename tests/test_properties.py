@@ -9,18 +9,18 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from helpers import TABLE_1
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from support.helpers import TABLE_1
 
-from cruciform_petsc.case import Case
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.fabric import Fabric, YarnFamily
-from cruciform_petsc.lattice import SNAP
-from cruciform_petsc.network import Network
-from cruciform_petsc.potential import odd_polynomial, sin_powers, table
-from cruciform_petsc.preform import Preform
+from cruciform_petsc.laws import odd_polynomial, sin_powers, table
+from cruciform_petsc.net.lattice import SNAP
+from cruciform_petsc.net.network import Network
 from cruciform_petsc.units import describe, format_si, parse_unit, to_si
 
 UNITS = ("N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2", "kg/m**3")

@@ -15,14 +15,14 @@ import pytest
 from mpi4py import MPI
 
 from cruciform_petsc import __version__
-from cruciform_petsc.case import Case
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.equilibrium.newton import EquilibriumError
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.network import Network
+from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.figures import control_text, net_kinematics
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
 from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
-from cruciform_petsc.solvers.nonlinear import EquilibriumError
 
 LOG = logging.getLogger("test_run")
 SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}

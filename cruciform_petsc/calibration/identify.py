@@ -32,20 +32,20 @@ from typing import Any
 
 import numpy as np
 
-from ..constraints import Constraints
-from ..elements import energy as kernels
-from ..elements.energy import ENERGY, FORCE, Cloth
+from ..cloth.fabric import Fabric
+from ..elements import cruciform as kernels
+from ..elements.cruciform import ENERGY, FORCE, Cloth
 from ..elements.kinematics import net_reach
+from ..equilibrium.finite import FiniteNetwork
+from ..equilibrium.newton import Equilibrium, EquilibriumError, follow
 from ..errors import CruciformError, InputError
-from ..experiments.base import Experiment
 from ..experiments.bias_extension import BiasExtension
+from ..experiments.experiment import Experiment
 from ..experiments.picture_frame import PictureFrame
-from ..fabric import Fabric
-from ..finite import FiniteNetwork
-from ..network import Network
-from ..potential import LINEAR, TABLE, Potential, linear
-from ..potential import table as table_law
-from ..solvers.nonlinear import Equilibrium, EquilibriumError, follow
+from ..laws import LINEAR, TABLE, Potential, linear
+from ..laws import table as table_law
+from ..net.edges import Constraints
+from ..net.network import Network
 from ..units import format_si
 from .curve import MeasuredCurve
 from .formula import frame_angle, torque_from_frame, torque_from_loads

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..equilibrium.newton import EquilibriumError
 from ..errors import InputError
-from ..network import Network
-from ..potential import Potential
-from ..solvers.nonlinear import EquilibriumError
+from ..laws import Potential
+from ..net.network import Network
 from .curve import MeasuredCurve
 from .identify import Calibration, LoadCurve, _check_reach
 

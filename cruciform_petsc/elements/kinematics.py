@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..net.lattice import HELD
+
 # Where the 10 displacement unknowns stand among the 16 with rotations.
 DISPLACEMENTS = np.array([0, 1, 3, 4, 6, 7, 9, 10, 12, 13])
-HELD = -1  # source of a missing arm at a clamp: no strain, no rotation
 
 
 def normals(t: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..lattice import QUADRANTS
+from ..net.lattice import QUADRANTS
 
 
 def moduli(quadrant_area, shear_modulus: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..lattice import QUADRANTS
+from ..net.lattice import QUADRANTS
 
 
 def moduli(quadrant_area, c11: float, c22: float, c12: float) -> np.ndarray:

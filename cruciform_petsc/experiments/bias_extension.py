@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..assembly import LinearNetwork
-from ..constraints import Constraints
 from ..elements.kinematics import net_reach
 from ..errors import InputError
-from ..network import Network
-from ..solvers.separate import solve_separately
+from ..net.edges import Constraints
+from ..net.network import Network
+from ..small.network import LinearNetwork
+from ..small.separate import solve_separately
 from ..units import format_si
-from .base import PULL, Experiment, Grip
+from .experiment import PULL, Experiment, Grip
 from .result import State, TestResult
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..constraints import Constraints
 from ..errors import InputError
-from ..network import Network
-from .base import Experiment, Grip
+from ..net.edges import Constraints
+from ..net.network import Network
+from .experiment import Experiment, Grip
 from .result import TestResult
 
 

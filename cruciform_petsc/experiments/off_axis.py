@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..constraints import Constraints
 from ..errors import InputError
-from ..network import Network
-from .base import PULL, Grip
+from ..net.edges import Constraints
+from ..net.network import Network
 from .bias_extension import BiasExtension
+from .experiment import PULL, Grip
 from .result import TestResult
 
 

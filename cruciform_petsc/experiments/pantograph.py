@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..network import Network
+from ..net.network import Network
 from .bias_extension import BiasExtension
 
 

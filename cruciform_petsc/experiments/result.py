@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assembly import MODES
 from ..errors import InputError
-from ..lattice import SHORTEST_ARM
+from ..net.lattice import SHORTEST_ARM
+from ..small.network import MODES
 
 if TYPE_CHECKING:
     from ..continuum.compare import Comparison
-    from ..network import Network
+    from ..equilibrium.newton import Increment
+    from ..net.network import Network
+    from ..net.supports import Supports
     from ..solvers.linear import SolverInfo
-    from ..solvers.nonlinear import Increment
-    from ..supports import Supports
-    from .base import Experiment
+    from .experiment import Experiment
 
 Fields = dict[str, np.ndarray]
 ZONES = ("middle", "side", "clamp")
@@ -364,7 +364,7 @@ class TestResult:
         file's attributes say where it comes from (provenance.file_notes).
         """
         from ..output.paraview import write_network, write_series
-        from ..provenance import file_notes
+        from ..output.provenance import file_notes
 
         notes = file_notes(self)
         if len(self.states) > 1:

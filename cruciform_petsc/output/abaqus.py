@@ -15,8 +15,8 @@ import numpy as np
 
 from .. import __version__
 from ..experiments.result import ZONES
-from ..provenance import commit
 from .ordered import lines
+from .provenance import commit
 
 if TYPE_CHECKING:
     from ..experiments.result import TestResult

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..exchange import GhostExchange
-from ..lattice import ARM_STEP
-from ..network import Network
+from ..net.lattice import ARM_STEP
+from ..net.network import Network
+from ..parallel import GhostExchange
 
 CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 # The piece of yarn from corner k to the next: the crossover it starts from, and its family.

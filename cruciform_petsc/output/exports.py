@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..lattice import ARM_STEP, QUADRANTS
+from ..net.lattice import ARM_STEP, QUADRANTS
 from .abaqus import Shells, input_file
 from .cells import lattice_cells
 from .folder import prepare_directory
 from .ordered import in_order, lines, write_pieces
 
 if TYPE_CHECKING:
+    from ..cloth.fabric import Fabric
     from ..experiments.result import State, TestResult
-    from ..fabric import Fabric
 
 CROSSOVERS, PREFORM = "crossovers.csv", "preform.inp"
 # What stays as it is while the cloth deforms.

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assembly import MODES
 from ..elements.kinematics import net_angle
+from ..small.network import MODES
 from . import pictures, scene
 from .pictures import ROUNDING_DEG
 from .sample import YarnSample, sample_map, sample_yarns
 
 if TYPE_CHECKING:
     from ..calibration.curve import MeasuredCurve
-    from ..experiments.base import Experiment
+    from ..experiments.experiment import Experiment
     from ..experiments.result import State, TestResult
-    from ..network import Network
+    from ..net.network import Network
 
 # What a unit in a column's name looks like in a log.
 UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}

@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..case import on_root
 from ..errors import InputError
+from ..parallel import on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI

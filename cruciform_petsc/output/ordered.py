@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..case import on_root
+from ..parallel import on_root
 from .tables import finish_file, start_file
 
 

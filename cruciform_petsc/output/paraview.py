@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..case import on_root
-from ..network import Network
+from ..net.network import Network
+from ..parallel import on_root
 from .sample import node_means
 from .tables import finish_file, start_file
 

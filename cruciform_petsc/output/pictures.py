@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case import on_root
+from ..parallel import on_root
 from .sample import MapSample, YarnSample
 from .tables import written_whole
 

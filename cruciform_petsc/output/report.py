@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case import on_root
+from ..parallel import on_root
 from ..units import format_si
 from .figures import SMALL_LOAD
 from .tables import written_whole
@@ -23,7 +23,7 @@ from .tables import written_whole
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..case import Case
+    from ..case.schema import Case
 
 CAPTIONS = {  # {at}: the last value asked for
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",

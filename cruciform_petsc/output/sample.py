@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..network import Network
+from ..net.network import Network
 
 YARN_LIMIT = 3_000  # crossovers whose yarns can still be told apart on a page
 MAP_LIMIT = 20_000  # cells that can

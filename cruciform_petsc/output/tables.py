@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..case import on_root
 from ..errors import InputError
+from ..parallel import on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI

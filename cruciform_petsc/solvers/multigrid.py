@@ -25,9 +25,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..assembly import LinearNetwork
-from ..csr import Halo, LocalRows, aij, local_rows
-from ..network import Network, Partition
+from ..net.network import Network, Partition
+from ..small.network import LinearNetwork
+from .csr import Halo, LocalRows, aij, local_rows
 from .linear import Hierarchy
 from .yarns import YarnLines, YarnSmoother
 

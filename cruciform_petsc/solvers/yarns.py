@@ -27,8 +27,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..csr import Halo, local_rows
 from ..errors import SolverError
+from .csr import Halo, local_rows
 
 # The factors and couplings of the smoother are kept in single precision. Rounding them is the same
 # for both halves of a symmetric pair, and what it changes is one of many ways to precondition;

@@ -11,11 +11,11 @@ from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
 from cruciform_petsc.calibration import calibrate
-from cruciform_petsc.case import Case
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.fabric import Fabric
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.fabric import Fabric
-from cruciform_petsc.network import Network
-from cruciform_petsc.preform import Preform
+from cruciform_petsc.net.network import Network
 
 COMM = MPI.COMM_WORLD
 DEMOS = Path(__file__).parents[2] / "demos"

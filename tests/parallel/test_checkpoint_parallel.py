@@ -9,12 +9,12 @@ import pytest
 from mpi4py import MPI
 from test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
 
-from cruciform_petsc.case import Case
-from cruciform_petsc.checkpoint import Checkpoint
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.equilibrium.finite import FiniteNetwork
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.finite import FiniteNetwork
-from cruciform_petsc.network import Network
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.checkpoint import Checkpoint
 from cruciform_petsc.run import make_experiment
 
 COMM = MPI.COMM_WORLD

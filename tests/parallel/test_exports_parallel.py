@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-from exported import WEIGHED, moved, read_input_file, read_table
-from helpers import holed
 from mpi4py import MPI
+from support.exported import WEIGHED, moved, read_input_file, read_table
+from support.helpers import holed
 
 from cruciform_petsc import BiasExtension, InputError, Network, Preform
 from cruciform_petsc.output.ordered import in_order, write_pieces

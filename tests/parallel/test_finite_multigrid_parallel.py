@@ -3,15 +3,15 @@
 
 import numpy as np
 import pytest
-from helpers import TABLE_1
 from mpi4py import MPI
+from support.helpers import TABLE_1
 
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.cloth.preform import Preform
+from cruciform_petsc.equilibrium.finite import FiniteNetwork
+from cruciform_petsc.equilibrium.tangent_multigrid import unknowns_of
 from cruciform_petsc.experiments.bias_extension import BiasExtension
-from cruciform_petsc.finite import FiniteNetwork
-from cruciform_petsc.network import Network
-from cruciform_petsc.preform import Preform
-from cruciform_petsc.solvers.finite_multigrid import unknowns_of
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.net.network import Network
 from cruciform_petsc.solvers.linear import LinearSolver
 from cruciform_petsc.solvers.multigrid import hierarchy
 

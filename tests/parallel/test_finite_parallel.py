@@ -3,12 +3,14 @@
 
 import numpy as np
 import pytest
-from helpers import DIAGONAL, PITCH, TABLE_1, UNEVEN, dense, diagonals, gathered, l_shape
 from mpi4py import MPI
+from support.helpers import DIAGONAL, PITCH, TABLE_1, UNEVEN, dense, diagonals, gathered, l_shape
 
-from cruciform_petsc import potential
-from cruciform_petsc.assembly import MODES
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc import laws
+from cruciform_petsc.cloth.preform import Preform
+from cruciform_petsc.equilibrium import newton
+from cruciform_petsc.equilibrium.finite import FiniteNetwork
+from cruciform_petsc.equilibrium.newton import EquilibriumError
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
@@ -16,18 +18,16 @@ from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
-from cruciform_petsc.finite import FiniteNetwork
-from cruciform_petsc.network import Network
-from cruciform_petsc.preform import Preform
-from cruciform_petsc.solvers import nonlinear
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.small.network import MODES
 from cruciform_petsc.solvers.linear import ITERATIVE
-from cruciform_petsc.solvers.nonlinear import EquilibriumError
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks
 
 BENDING = pytest.mark.parametrize("bending", [False, True], ids=["flat", "bending"])
-SIN_POWERS = TABLE_1.with_shear_law(potential.sin_powers([18.5, 46.4, -21.3]))
+SIN_POWERS = TABLE_1.with_shear_law(laws.sin_powers([18.5, 46.4, -21.3]))
 SPIKE = [(-3, 0), (3, 0), (3, 3), (0.4, 3), (0.4, 27.3), (-0.4, 27.3), (-0.4, 3), (-3, 3)]
 FRAME = Preform.rectangle(8 * PITCH, 8 * PITCH, 0.0)
 # kind of test, outline, cloth, values, what else is asked for
@@ -287,8 +287,8 @@ def test_a_rank_that_owns_nothing():
 
 def test_what_cannot_be_solved(monkeypatch):
     """Message, reason, place and what was reached, on every rank and as on one."""
-    monkeypatch.setattr(nonlinear, "MAX_ITERATIONS", 6)  # to fail sooner
-    fabric = TABLE_1.with_shear_law(potential.odd_polynomial([96.0, -100.0]))
+    monkeypatch.setattr(newton, "MAX_ITERATIONS", 6)  # to fail sooner
+    fabric = TABLE_1.with_shear_law(laws.odd_polynomial([96.0, -100.0]))
     errors = []
     for comm in (MPI.COMM_SELF, COMM):
         with pytest.raises(EquilibriumError) as caught:

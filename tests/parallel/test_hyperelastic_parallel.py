@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.continuum import HyperelasticMembrane
 from cruciform_petsc.errors import SolverError
-from cruciform_petsc.fabric import Fabric, YarnFamily
-from cruciform_petsc.preform import Preform
 
 COMM = MPI.COMM_WORLD
 FABRIC = Fabric(

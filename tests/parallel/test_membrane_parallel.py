@@ -12,10 +12,10 @@ import shapely
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from cruciform_petsc.cloth.fabric import Fabric
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.continuum import Membrane, compare_fields, evaluate, outline_mesh
 from cruciform_petsc.errors import InputError, SolverError
-from cruciform_petsc.fabric import Fabric
-from cruciform_petsc.preform import Preform
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")

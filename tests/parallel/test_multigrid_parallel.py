@@ -11,10 +11,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
-from cruciform_petsc.assembly import LinearNetwork
-from cruciform_petsc.constraints import Constraints
-from cruciform_petsc.csr import Halo, local_rows, write_values
 from cruciform_petsc.errors import SolverError
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.small.network import LinearNetwork
+from cruciform_petsc.solvers.csr import Halo, local_rows, write_values
 from cruciform_petsc.solvers.multigrid import _contrast, hierarchy, interpolations, unknowns_of
 from cruciform_petsc.solvers.yarns import YarnLines, YarnSmoother
 

@@ -3,13 +3,22 @@
 
 import numpy as np
 import pytest
-from helpers import PITCH, TABLE_1, UNEVEN, diagonals, gathered, holed, l_shape, random_preform
 from mpi4py import MPI
+from support.helpers import (
+    PITCH,
+    TABLE_1,
+    UNEVEN,
+    diagonals,
+    gathered,
+    holed,
+    l_shape,
+    random_preform,
+)
 
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.exchange import GhostExchange
-from cruciform_petsc.network import Network
-from cruciform_petsc.preform import Preform
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.parallel import GhostExchange
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks

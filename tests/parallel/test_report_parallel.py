@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from cruciform_petsc.case import Case
+from cruciform_petsc.case.schema import Case
 from cruciform_petsc.compare import compare_command
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.run import run_case

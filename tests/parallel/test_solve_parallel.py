@@ -3,7 +3,9 @@
 
 import numpy as np
 import pytest
-from helpers import (
+from mpi4py import MPI
+from petsc4py import PETSc
+from support.helpers import (
     DIAGONAL,
     PITCH,
     TABLE_1,
@@ -16,14 +18,12 @@ from helpers import (
     l_shape,
     solve,
 )
-from mpi4py import MPI
-from petsc4py import PETSc
 
-from cruciform_petsc.assembly import LinearNetwork
-from cruciform_petsc.constraints import Constraints
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError, SolverError
-from cruciform_petsc.network import Network
-from cruciform_petsc.preform import Preform
+from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.linear import ITERATIVE, PREFIX
 
 COMM = MPI.COMM_WORLD

@@ -1,0 +1,399 @@
+# SPDX-License-Identifier: MIT
+"""What was cut: outline and holes, the way the yarns run, and the edges by name.
+
+y is the direction of pull. The warp runs at the bias angle b from y, and the weft is the warp
+turned by +90 degrees:
+
+    e_w = (sin b, cos b)      e_e = (-cos b, sin b)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.polygon import orient
+from shapely.validation import explain_validity
+
+from ..errors import InputError, shown
+from ..units import format_si, to_si
+from .fabric import Fabric
+
+_SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
+_LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
+_MOST = 10**9  # of refine and yarns_per_cruciform
+_ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
+
+Length = str | float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Preform:
+    """A piece of cloth before it is loaded.
+
+    Parameters
+    ----------
+    outline : shapely.Polygon
+        In metres, holes allowed. It is kept with its exterior counter-clockwise and its holes
+        clockwise, so that the cloth lies on the left of every boundary segment.
+    bias_angle : float or str
+        From y to the warp [rad], or with a unit: "45 deg".
+    refine : int
+        Divides the pitch: a finer network of the same fabric.
+    yarns_per_cruciform : int
+        Multiplies the pitch: a coarser network of the same fabric.
+    origin : pair of float or str, optional
+        A crossover of the lattice [m]; default: the centre of the outline's bounding box.
+    edges : dict, optional
+        More edges by name, each an array (n, 2, 2) of segments on the outline [m]. In the
+        finished object: all edges, the automatic ones first.
+
+    Notes
+    -----
+    Automatic names: ``lower``, ``upper``, ``left``, ``right`` (the segments at the smallest and
+    largest y and x, where there are any), ``outline-1``, ``outline-2`` ... (the exterior,
+    counter-clockwise from its first point), ``hole-1`` ... (each hole as a whole).
+
+    Raises
+    ------
+    InputError
+        An outline that crosses itself, has no area, or holes that touch; see also the checks
+        on the numbers.
+
+    Examples
+    --------
+    >>> preform = Preform.rectangle("75 mm", "220 mm", "45 deg")
+    >>> preform
+    Preform(75 mm x 220 mm, area 165 cm^2, 0 holes, bias 45 deg, refine 1, yarns_per_cruciform 1)
+    >>> list(preform.edges)[:4]
+    ['lower', 'upper', 'left', 'right']
+    >>> preform.pitch(Fabric.from_library("e-glass-plain-2.4")) == (1 / 240, 1 / 240)  # m
+    True
+    """
+
+    outline: shapely.Polygon
+    bias_angle: float
+    refine: int = field(default=1, kw_only=True)
+    yarns_per_cruciform: int = field(default=1, kw_only=True)
+    origin: tuple[float, float] | None = field(default=None, kw_only=True)
+    edges: Mapping[str, np.ndarray] = field(default_factory=dict, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Turn units into SI, check everything, name the edges."""
+
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
+
+        put("bias_angle", _angle(self.bias_angle))
+        for key in ("refine", "yarns_per_cruciform"):
+            count = getattr(self, key)
+            if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+                raise InputError(
+                    f"preform.{key} must be a whole number from 1 up, got {shown(count)}"
+                )
+            if count > _MOST:
+                raise InputError(f"preform.{key} must be at most {_MOST}")
+            put(key, int(count))
+        if self.refine > 1 and self.yarns_per_cruciform > 1:
+            raise InputError(
+                f"preform.refine = {self.refine} and preform.yarns_per_cruciform = "
+                f"{self.yarns_per_cruciform} undo each other, leave one of them at 1"
+            )
+        if self.origin is not None:
+            put("origin", _point(self.origin, "preform.origin"))
+            if max(map(abs, self.origin)) > _LARGEST:
+                raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
+        put("outline", _checked(self.outline))
+        edges = _named_edges(self.outline)
+        for name, segments in (self.edges or {}).items():
+            edges[name] = _segments_on(self.outline, name, segments)
+        put("edges", edges)
+
+    def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
+        """Width and length of a rectangle along x and y, m; None for anything else.
+
+        ``tolerance`` is for the area, relative.
+        """
+        x0, y0, x1, y1 = self.outline.bounds
+        width, length = float(x1 - x0), float(y1 - y0)
+        off = abs(self.outline.area - width * length)
+        return (width, length) if off <= tolerance * width * length else None
+
+    @classmethod
+    def rectangle(
+        cls,
+        width: Length,
+        length: Length,
+        bias_angle: Length = "45 deg",
+        *,
+        holes: Sequence[Sequence[Sequence[Length]]] = (),
+        **options: Any,
+    ) -> Preform:
+        """Cut a rectangle: x in [-width/2, width/2], y in [0, length].
+
+        Parameters
+        ----------
+        width, length : str or float
+            With a unit ("75 mm") or in metres.
+        bias_angle : str or float
+            With a unit ("45 deg") or in radians.
+        holes : sequence of sequences of pairs
+            Corners of each hole, with units or in metres.
+        **options
+            ``refine``, ``yarns_per_cruciform``, ``origin``, ``edges``.
+        """
+        sides = to_si([width, length], "m", "preform.outline.rectangle", bare=True)
+        for i, side in enumerate(sides):
+            if side <= 0.0:
+                raise InputError(
+                    f"preform.outline.rectangle[{i}] must be positive, got {format_si(side, 'm')}"
+                )
+        x, y = 0.5 * sides[0], sides[1]
+        corners = [(-x, 0.0), (x, 0.0), (x, y), (-x, y)]
+        return cls.polygon(corners, holes, bias_angle, **options)
+
+    @classmethod
+    def polygon(
+        cls,
+        points: Sequence[Sequence[Length]],
+        holes: Sequence[Sequence[Sequence[Length]]] = (),
+        bias_angle: Length = "45 deg",
+        **options: Any,
+    ) -> Preform:
+        """Cut any simple polygon, with holes.
+
+        Parameters
+        ----------
+        points : sequence of pairs
+            Corners in order, with units or in metres; need not be closed.
+        holes : sequence of sequences of pairs
+            Corners of each hole.
+        bias_angle, **options
+            As for `rectangle`.
+        """
+        shell = _ring(points, "preform.outline.polygon")
+        given = _listed(holes, "preform.outline.holes")
+        rings = [_ring(hole, f"preform.outline.holes[{i}]") for i, hole in enumerate(given)]
+        return cls(shapely.Polygon(shell, rings), bias_angle, **options)  # type: ignore[arg-type]
+
+    @property
+    def warp_direction(self) -> np.ndarray:
+        """Unit vector along the warp, e_w, float (2,)."""
+        return np.array([math.sin(self.bias_angle), math.cos(self.bias_angle)])
+
+    @property
+    def weft_direction(self) -> np.ndarray:
+        """Unit vector along the weft, e_e, float (2,)."""
+        return np.array([-math.cos(self.bias_angle), math.sin(self.bias_angle)])
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Rows e_w and e_e, float (2, 2): components along the yarns = rotation @ (x, y)."""
+        return np.array([self.warp_direction, self.weft_direction])
+
+    @property
+    def lattice_origin(self) -> np.ndarray:
+        """Where a crossover lies, given or the centre of the bounding box, float (2,) [m]."""
+        if self.origin is not None:
+            return np.array(self.origin)
+        x0, y0, x1, y1 = self.outline.bounds
+        return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+
+    def pitch(self, fabric: Fabric) -> tuple[float, float]:
+        """Distance between neighbouring crossovers along a warp and along a weft yarn [m].
+
+        Along a warp yarn they are as far apart as the weft yarns, and the other way round.
+        """
+        factor = self.yarns_per_cruciform / self.refine
+        return fabric.weft.spacing * factor, fabric.warp.spacing * factor
+
+    def check_size(self, fabric: Fabric) -> None:
+        """Raise InputError if the outline is smaller than one cruciform of this fabric."""
+        h_warp, h_weft = self.pitch(fabric)
+        x0, y0, x1, y1 = self.outline.bounds
+        along = np.asarray(self.outline.exterior.coords)[:, :2] @ self.rotation.T
+        room = 1.0 + _ROUNDING  # exactly one cruciform is enough, rounding or not
+        too_small = (
+            self.outline.area * room < h_warp * h_weft
+            or min(x1 - x0, y1 - y0) * room < min(h_warp, h_weft)
+            or bool((np.ptp(along, axis=0) * room < (h_warp, h_weft)).any())
+        )
+        if too_small:
+            coarse = self.yarns_per_cruciform > 1
+            cure = "lower preform.yarns_per_cruciform" if coarse else "raise preform.refine"
+            raise InputError(
+                f"preform.outline ({_size(x1 - x0, y1 - y0)}) is smaller than one cruciform "
+                f"({_size(h_warp, h_weft)} along the yarns), make it larger or {cure}"
+            )
+
+    def edge(self, name: str) -> np.ndarray:
+        """Return the segments of a named edge, float (n, 2, 2): segment, end, x or y [m].
+
+        The cloth lies on the left of each segment.
+
+        Raises
+        ------
+        InputError
+            There is no such edge; the message lists the known ones.
+        """
+        if name in self.edges:
+            return self.edges[name]
+        close = get_close_matches(str(name), self.edges, 1)
+        hint = f'did you mean "{close[0]}"? ' if close else ""
+        extreme = {"lower": "smallest y", "upper": "largest y", "left": "smallest x"}
+        extreme["right"] = "largest x"
+        if name in extreme:
+            hint = f"no straight piece of the outline lies at its {extreme[name]}, "
+        raise InputError(f'preform has no edge "{name}" ({hint}known: {self._edge_list()})')
+
+    def _edge_list(self) -> str:
+        """Write the known names, numbered ones as a range."""
+        names: list[str] = []
+        numbered: dict[str, list[str]] = {}
+        for name in self.edges:
+            match = re.fullmatch(r"(outline|hole)-\d+", name)
+            if match is None:
+                names.append(name)
+            else:
+                numbered.setdefault(match[1], []).append(name)
+        for group in numbered.values():
+            names += group if len(group) < 3 else [f"{group[0]} to {group[-1]}"]
+        return ", ".join(names)
+
+    def __repr__(self) -> str:
+        """Size, area and direction."""
+        x0, y0, x1, y1 = self.outline.bounds
+        holes = len(self.outline.interiors)
+        return (
+            f"Preform({_size(x1 - x0, y1 - y0)}, area {self.outline.area * 1e4:.6g} cm^2, "
+            f"{holes} holes, bias {format_si(self.bias_angle, 'rad')}, refine {self.refine}, "
+            f"yarns_per_cruciform {self.yarns_per_cruciform})"
+        )
+
+
+def _size(a: float, b: float) -> str:
+    return f"{format_si(a, 'm')} x {format_si(b, 'm')}"
+
+
+def _angle(value: Any) -> float:
+    angle = to_si(value, "rad", "preform.bias_angle", bare=True)
+    if not isinstance(value, str) and abs(angle) > 2.0 * math.pi:
+        raise InputError(
+            f"preform.bias_angle = {angle:g} rad is more than a full turn, "
+            f'did you mean "{angle:g} deg"?'
+        )
+    return angle
+
+
+def _point(value: Any, key: str) -> tuple[float, float]:
+    values = list(value) if isinstance(value, Sequence | np.ndarray) else None
+    if isinstance(value, str) or values is None or len(values) != 2:
+        raise InputError(f'{key} must be a pair like ["0 mm", "5 mm"], got {shown(value)}')
+    x, y = to_si(values, "m", key, bare=True)
+    return x, y
+
+
+def _listed(value: Any, key: str) -> Sequence[Any] | np.ndarray:
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+        raise InputError(f"{key} must be a list, got {shown(value)}")
+    return value
+
+
+def _ring(points: Any, key: str) -> list[tuple[float, float]]:
+    ring = [_point(point, f"{key}[{i}]") for i, point in enumerate(_listed(points, key))]
+    if len(set(ring)) < 3:
+        raise InputError(f"{key} must have at least 3 different corners, got {len(set(ring))}")
+    return ring
+
+
+def _checked(outline: Any) -> shapely.Polygon:
+    """Return the outline with the cloth on its left and no repeated points."""
+    if not isinstance(outline, shapely.Polygon) or outline.is_empty:
+        raise InputError(f"preform.outline must be one polygon, got {shown(outline)}")
+    coordinates = shapely.get_coordinates(outline)
+    if not np.isfinite(coordinates).all():
+        raise InputError("preform.outline has a corner that is not finite")
+    if np.abs(coordinates).max() > _LARGEST:
+        raise InputError(f"preform.outline has a corner more than {_LARGEST:g} m from x = y = 0")
+    names = ["preform.outline", *(f"hole-{i + 1}" for i in range(len(outline.interiors)))]
+    pieces = [shapely.Polygon(ring) for ring in (outline.exterior, *outline.interiors)]
+    for name, piece in zip(names, pieces, strict=True):
+        _check_ring(name, piece)
+    shell, holes = pieces[0], pieces[1:]
+    for i, hole in enumerate(holes):
+        if not shell.contains_properly(hole):
+            raise InputError(
+                f"hole-{i + 1} of preform.outline touches or leaves the outline, "
+                "it must lie wholly inside"
+            )
+        for j in range(i):
+            if not holes[j].disjoint(hole):
+                raise InputError(
+                    f"hole-{j + 1} and hole-{i + 1} of preform.outline touch or overlap, "
+                    "make one hole of them or move them apart"
+                )
+    return orient(shapely.remove_repeated_points(shapely.force_2d(outline)))
+
+
+def _check_ring(name: str, piece: shapely.Polygon) -> None:
+    hull = shapely.convex_hull(piece)
+    if shapely.get_dimensions(hull) < 2 or hull.area < _SMALLEST:
+        raise InputError(f"{name} has no area, its corners lie on one line")
+    if not piece.is_valid:
+        reason = explain_validity(piece)
+        place = re.search(r"\[(\S+) (\S+)", reason)
+        where = ""
+        if place is not None:
+            x, y = (format_si(float(part.rstrip("]")), "m") for part in place.groups())
+            where = f" at x = {x}, y = {y}"
+        raise InputError(f"{name} crosses or touches itself{where}, it must be a simple polygon")
+
+
+def _named_edges(outline: shapely.Polygon) -> dict[str, np.ndarray]:
+    def segments(ring: shapely.LinearRing) -> np.ndarray:
+        points = np.asarray(ring.coords)[:, :2]
+        return np.stack([points[:-1], points[1:]], axis=1)
+
+    exterior = segments(outline.exterior)
+    low, high = exterior.min(axis=(0, 1)), exterior.max(axis=(0, 1))
+    near = _ROUNDING * (high - low).max()
+    edges = {}
+    for name, axis, value in (
+        ("lower", 1, low[1]),
+        ("upper", 1, high[1]),
+        ("left", 0, low[0]),
+        ("right", 0, high[0]),
+    ):
+        lies_there = (np.abs(exterior[:, :, axis] - value) <= near).all(axis=1)
+        if lies_there.any():
+            edges[name] = exterior[lies_there]
+    edges |= {f"outline-{i + 1}": exterior[i : i + 1] for i in range(len(exterior))}
+    edges |= {f"hole-{i + 1}": segments(ring) for i, ring in enumerate(outline.interiors)}
+    return edges
+
+
+def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarray:
+    """Check that a user's edge lies on the outline, and put the cloth on its left."""
+    array = np.array(segments, float)
+    if array.ndim != 3 or array.shape[1:] != (2, 2) or not len(array):
+        raise InputError(f'edge "{name}" must have the shape (n, 2, 2), got {array.shape}')
+    x0, y0, x1, y1 = outline.bounds
+    size = max(x1 - x0, y1 - y0)
+    lines = shapely.linestrings(array)
+    if not shapely.covers(outline.boundary.buffer(1e-6 * size), lines).all():
+        raise InputError(f'edge "{name}" does not lie on preform.outline')
+    along = array[:, 1] - array[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    if (length == 0.0).any():
+        raise InputError(f'edge "{name}" has a segment without length')
+    left = along[:, ::-1] * (-1.0, 1.0) / length
+    probe = array.mean(axis=1) + 1e-5 * size * left
+    turn = ~shapely.contains_xy(outline, probe)
+    array[turn] = array[turn, ::-1]
+    return array

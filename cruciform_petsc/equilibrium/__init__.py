@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Equilibrium at finite deformation: states, models, Newton, continuation."""

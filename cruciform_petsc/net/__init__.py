@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The net of yarns: lattice, who owns what, nodes, supports, edges."""

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: MIT
+"""Clamps, prescribed motion and loads on the edges of a network, by name.
+
+Unknowns of a node are its displacement along warp and weft and, with yarn bending, its rotation
+times a length. Where an edge prescribes motion along one direction only, the node's displacement is
+kept in the frame (that direction, across it) instead, so that every prescribed quantity is one
+unknown and the matrix stays symmetric.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError
+from .lattice import SHORTEST_ARM
+from .network import Network
+
+
+class Constraints:
+    """What is known about the nodes of a network before it is solved.
+
+    Parameters
+    ----------
+    network : Network
+    bending : bool
+        Whether nodes carry yarn rotations.
+
+    Attributes
+    ----------
+    fixed : bool (n_local, d)
+        Prescribed unknowns; d = 3 with bending, else 2.
+    value : float (n_local, d)
+        Their values in m.
+    frame : float (n_local, 2, 2)
+        Rows: the node's displacement axes in the yarn frame.
+    held : bool (n_local,)
+        Clamped: both displacements and the yarn's direction are prescribed.
+    held_arm : bool (n_local, 4)
+        Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
+    tied : bool (n_local,)
+        The first displacement is one common unknown of all tied nodes.
+    guided : bool (n_local,)
+        The first displacement is prescribed, by a guide.
+    force : float (n_local, 2)
+        Loads in the yarn frame, N; complete on every rank that has the node.
+    """
+
+    def __init__(self, network: Network, bending: bool):
+        n, d = network.num_nodes_local, 3 if bending else 2
+        self.network, self.bending = network, bending
+        self.fixed = np.zeros((n, d), bool)
+        self.value = np.zeros((n, d))
+        self.frame = np.tile(np.eye(2), (n, 1, 1))
+        self.held = np.zeros(n, bool)
+        self.held_arm = np.zeros((n, 4), bool)
+        self.tied = np.zeros(n, bool)
+        self.guided = np.zeros(n, bool)
+        self.force = np.zeros((n, 2))
+
+    def nodes_on(self, edge: str) -> np.ndarray:
+        """Local nodes that lie on an edge; int array. Collective.
+
+        Raises InputError if the preform has no such edge or no yarn reaches it.
+        """
+        network = self.network
+        segments = network.preform.edge(edge)
+        candidates = np.flatnonzero(network.node_is_boundary)
+        distance = _distance_to_segments(network.node_position[candidates], segments)
+        on = np.zeros(network.num_nodes_local, bool)
+        on[candidates[distance <= self._tolerance]] = True
+        network.exchange.forward(on)
+        found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
+        if found == 0:
+            raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
+        return np.flatnonzero(on)
+
+    @property
+    def _tolerance(self) -> float:
+        """How far a node may be from an edge that it lies on, m."""
+        return SHORTEST_ARM * float(self.network.pitch.max())
+
+    def clamp(self, edge: str, displacement=(0.0, 0.0)) -> np.ndarray:
+        """Hold an edge: yarns keep their direction; it may move by (x, y) metres. Collective.
+
+        Returns the local nodes.
+        """
+        nodes = self.nodes_on(edge)
+        self.fixed[nodes] = True
+        self.frame[nodes] = np.eye(2)  # also where another edge had turned it
+        self.tied[nodes] = False
+        self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
+        self._hold(edge, nodes)
+        return nodes
+
+    def _hold(self, edge: str, nodes: np.ndarray) -> None:
+        """Note which nodes are clamped and which of their yarns leave through the clamp."""
+        self.held[nodes] = True
+        arms = self.network.arm_directions @ self.network.preform.rotation
+        for segment in self.network.preform.edge(edge):
+            tangent = (segment[1] - segment[0]) / np.hypot(*(segment[1] - segment[0]))
+            leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
+            distance = _distance_to_segments(self.network.node_position[nodes], segment[None])
+            self.held_arm[nodes[distance <= self._tolerance]] |= leaves
+        self.network.exchange.forward(self.held_arm)
+
+    def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
+        """Move an edge along a direction (x, y) by metres, free across it. Collective.
+
+        Nodes that are clamped already stay so; those that are guided along another direction,
+        too, are held in both by the two displacements. Returns the local nodes.
+        """
+        nodes = self.nodes_on(edge)
+        guided = np.intersect1d(nodes, np.flatnonzero(self.guided & ~self.held))
+        before, moved = self.frame[guided, 0], self.value[guided, 0]
+        nodes = self._turn(edge, direction)
+        self.fixed[nodes, 0] = self.guided[nodes] = True
+        self.value[nodes, 0] = displacement
+        along, across = self.frame[guided, 0], self.frame[guided, 1]
+        sine = (before * across).sum(axis=1)  # of the angle from this direction to that one
+        other = abs(sine) > 1e-9
+        both, sine = guided[other], sine[other]
+        cosine = (before * along).sum(axis=1)[other]
+        self.fixed[both, 1] = True
+        self.value[both, 1] = (moved[other] - cosine * displacement) / sine
+        return nodes
+
+    def tie(self, edge: str, direction, gripped: bool) -> np.ndarray:
+        """Let an edge move along a direction as one, by an unknown amount. Collective.
+
+        Across it the edge is free, or with ``gripped`` held like a clamp. Returns the local nodes.
+        """
+        nodes = self._turn(edge, direction)
+        self.tied[nodes] = True
+        if gripped:
+            self.fixed[nodes, 1:] = True
+            self._hold(edge, nodes)
+        return nodes
+
+    def _turn(self, edge: str, direction) -> np.ndarray:
+        nodes = self.nodes_on(edge)
+        nodes = nodes[~self.held[nodes]]
+        along = self.network.preform.rotation @ np.asarray(direction, float)
+        along = along / np.hypot(*along)
+        self.frame[nodes] = [[along[0], along[1]], [-along[1], along[0]]]
+        return nodes
+
+    def pin(self, node_key: int, components: tuple[int, ...]) -> None:
+        """Fix single displacement components (0 along warp, 1 along weft) of the node with a key.
+
+        For bodies under loads alone: three of them take away the rigid motions.
+        """
+        here = np.flatnonzero(self.network.node_key == node_key)
+        for component in components:
+            self.fixed[here, component] = True
+
+    def line_load(self, edge: str, traction) -> None:
+        """Put a force per length (x, y), N/m, on an edge, straight or not. Collective.
+
+        The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
+        the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
+        Within a family each end takes the edge up to halfway to its neighbours, as its quadrants
+        do; what that changes of the load's moment is leaned back in (which takes two ends).
+        """
+        network = self.network
+        traction = np.asarray(traction, float)
+        nodes = self.nodes_on(edge)
+        owned = nodes[nodes < network.num_nodes_owned]
+        for chain in _chains(network.preform.edge(edge)):
+            distance, along = _nearest(network.node_position[owned], chain)
+            near = distance <= self._tolerance
+            ends, places, levers = [], [], []
+            for f in (0, 1):
+                # A hinge on the edge is an end of both families.
+                mine = owned[
+                    near & ((network.node_family[owned] == f) | network.node_is_hinge[owned])
+                ]
+                ends.append(mine)
+                places.append(network.comm.allgather(along[np.isin(owned, mine)]))
+                lever = _lever(network.node_position[mine], traction)
+                levers.append(np.concatenate(network.comm.allgather(lever)))
+            piece = chain[:, 1] - chain[:, 0]
+            length = np.hypot(piece[:, 0], piece[:, 1])
+            normal = np.stack([piece[:, 1], -piece[:, 0]], axis=1) / length[:, None]
+            share = (normal @ network.preform.rotation.T) ** 2
+            found = np.array([sum(map(len, parts)) > 0 for parts in places])
+            if not found.any():
+                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
+            share = np.where(found.all(), share, found)
+            knots = np.concatenate([[0.0], np.cumsum(length)])
+            lumped = [
+                _lumped_lengths(np.concatenate(places[f]), knots, share[:, f]) for f in (0, 1)
+            ]
+            _keep_moment(lumped, levers, float(length @ _lever(chain.mean(axis=1), traction)))
+            for f in (0, 1):
+                before = sum(map(len, places[f][: network.comm.rank]))
+                mine_lumped = lumped[f][before : before + len(ends[f])]
+                self.force[ends[f]] += mine_lumped[:, None] * (network.preform.rotation @ traction)
+        network.exchange.forward(self.force)
+
+
+def _chains(segments: np.ndarray) -> list[np.ndarray]:
+    """Segments (n, 2, 2) of an edge, parted where one does not begin where the last one ends."""
+    breaks = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
+    return np.split(segments, breaks)
+
+
+def _lever(points: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Moments about the origin of one force acting at each of some points (n, 2); (n,)."""
+    return points[:, 0] * force[1] - points[:, 1] * force[0]
+
+
+def _distance_to_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Distance of each point (n, 2) to the nearest of some segments (m, 2, 2); (n,)."""
+    return _nearest(points, segments)[0]
+
+
+def _nearest(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of each point to the nearest segment, and the length of all segments up to there."""
+    nearest, along = np.full(len(points), np.inf), np.zeros(len(points))
+    before = 0.0
+    for begin, end in segments:  # an edge has few segments, nodes are many
+        piece = end - begin
+        length = np.hypot(piece[0], piece[1])
+        share = np.clip((points - begin) @ piece / length**2, 0.0, 1.0)
+        gap = points - begin - share[:, None] * piece
+        distance = np.hypot(gap[:, 0], gap[:, 1])
+        closer = distance < nearest
+        nearest[closer], along[closer] = distance[closer], (before + share * length)[closer]
+        before += length
+    return nearest, along
+
+
+def _lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Part of a line that each of the points on it stands for, times a weight along the line.
+
+    Points stand for the line up to halfway to their neighbours, the outer ones up to its ends;
+    points that coincide share.
+
+    Parameters
+    ----------
+    where : float (n,)
+        Places of the points along the line.
+    knots : float (k + 1,)
+        Where the weight changes; first and last are the ends of the line.
+    share : float (k,)
+        Weights between the knots.
+    """
+    if len(where) == 0:
+        return np.zeros(0)
+    length = knots[-1]
+    point, inverse, count = np.unique(
+        np.round(where / length, 9), return_inverse=True, return_counts=True
+    )
+    border = length * np.concatenate([[0.0], 0.5 * (point[1:] + point[:-1]), [1.0]])
+    weight = np.interp(border, knots, np.concatenate([[0.0], np.cumsum(share * np.diff(knots))]))
+    return (np.diff(weight) / count)[inverse]
+
+
+def _keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: float) -> None:
+    """Lean the lengths of the family with the widest spread until all have a moment together.
+
+    In place; an edge with a single yarn end, or a load along it, stays as it is.
+
+    Parameters
+    ----------
+    lengths, levers : two float arrays each
+        Of each family: lengths that the yarn ends stand for, moments of the traction there.
+    moment : float
+        What the sum over all ends of length times lever is to be.
+    """
+    excess = sum(part @ lever for part, lever in zip(lengths, levers, strict=True)) - moment
+    size = max(abs(lever).max(initial=0.0) for lever in levers)
+    lean = [lever - lever.mean() if len(lever) else lever for lever in levers]
+    widest = max((0, 1), key=lambda f: lean[f] @ lean[f])
+    spread = lean[widest] @ lean[widest]
+    if spread > (1e-9 * size) ** 2:
+        lengths[widest] -= excess / spread * lean[widest]

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: MIT
+"""Where the yarns of a lattice meet an outline: plain geometry, no ranks.
+
+Everything here is in *lattice coordinates*: crossover (i, j) lies at (i, j), warp yarn j runs
+along the first coordinate, weft yarn i along the second. The outline is a polygon with holes,
+given by its boundary segments. Memory and time grow with the length of the outline, not with its
+area: each rank can afford to know all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+# Points this close to a lattice line, in pitches, lie on it: rounding of the outline's coordinates.
+SNAP = 1e-6
+# A shorter arm, in pitches, is left out and its crossover counts as lying on the outline: stiffness
+# goes with 1/length, and 1 % of a pitch is far below what the discrete model resolves.
+SHORTEST_ARM = 1e-2
+
+# Arms in the order of the paper's figure 3: 1 and 3 along the warp, 2 and 4 along the weft.
+ARM_STEP = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+OPPOSITE = np.array([2, 3, 0, 1])
+HELD = -1  # source of a missing arm at a clamp: no strain, no rotation
+# Quadrants as (warp arm, weft arm), counted from zero, anticlockwise from the first.
+QUADRANTS = np.array([[0, 1], [2, 1], [2, 3], [0, 3]])
+
+
+def snapped(coordinates: np.ndarray) -> np.ndarray:
+    """Move coordinates that are within SNAP of a lattice line onto it."""
+    nearest = np.round(coordinates)
+    return np.where(np.abs(coordinates - nearest) < SNAP, nearest, coordinates)
+
+
+def boundary_segments(outline: shapely.Polygon) -> np.ndarray:
+    """All boundary segments of a polygon with holes, shape (n, 2, 2)."""
+    rings = [outline.exterior, *outline.interiors]
+    points = [np.asarray(ring.coords)[:, :2] for ring in rings]
+    return np.concatenate([np.stack([p[:-1], p[1:]], axis=1) for p in points])
+
+
+@dataclass
+class YarnLines:
+    """Parts of the yarns of one family that lie inside the outline.
+
+    Attributes
+    ----------
+    line : int64 array (n,)
+        Number of the yarn, ascending.
+    start, end : float arrays (n,)
+        Where the part begins and ends along the yarn; ascending within a yarn.
+    first, last : int64 arrays (n,)
+        First and last crossover position on it; first > last where it meets none.
+    """
+
+    line: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+
+    def find(self, line: np.ndarray, position: np.ndarray) -> np.ndarray:
+        """Index of the part that holds a crossover position, or -1; shape as given."""
+        if len(self.line) == 0:
+            return np.full(np.shape(line), -1)
+        key = _pair_key(self.line, self.first)
+        index = np.searchsorted(key, _pair_key(line, position), side="right") - 1
+        at = np.maximum(index, 0)
+        good = (index >= 0) & (self.line[at] == line) & (self.last[at] >= position)
+        return np.where(good, at, -1)
+
+
+def _pair_key(line: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """One sortable integer for a yarn number and a position on it."""
+    return (np.asarray(line, np.int64) << 32) + (np.asarray(position, np.int64) + 2**31)
+
+
+def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
+    """Cut all yarns of a family with the outline.
+
+    A yarn that runs along an edge counts as inside, and so does one that touches a corner: each is
+    the union of what lines infinitely close on either side of it keep.
+
+    Parameters
+    ----------
+    segments : float array (n, 2, 2)
+        Boundary of the outline in lattice coordinates, already snapped.
+    family : int
+        0 for the warp yarns (second coordinate constant), 1 for the weft yarns.
+    """
+    along, across = segments[..., family], segments[..., 1 - family]
+    low, high = across.min(axis=1), across.max(axis=1)
+    sides = []
+    for from_above in (True, False):
+        # Half-open ranges: a corner is counted with exactly one of its two segments.
+        begin = np.ceil(low) if from_above else np.floor(low) + 1
+        stop = np.ceil(high) if from_above else np.floor(high) + 1
+        count = np.where(high > low, np.maximum(stop - begin, 0), 0).astype(np.int64)
+        seg = np.repeat(np.arange(len(count)), count)
+        line = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        line = line + begin[seg].astype(np.int64)
+        share = (line - across[seg, 0]) / (across[seg, 1] - across[seg, 0])
+        where = snapped(along[seg, 0] + share * (along[seg, 1] - along[seg, 0]))
+        order = np.lexsort((where, line))
+        line, where = line[order], where[order]
+        sides.append((line[::2], where[::2], where[1::2]))
+    line, start, end = (np.concatenate(part) for part in zip(*sides, strict=True))
+    line, start, end = _union(line, start, end)
+    # Both ends are snapped: a second tolerance here would let one family see crossovers that the
+    # other does not.
+    first = np.ceil(start).astype(np.int64)
+    last = np.floor(end).astype(np.int64)
+    return YarnLines(line, start, end, first, last)
+
+
+def _union(line, start, end):
+    """Merge overlapping intervals on each line; returns them sorted by line and start."""
+    if len(line) == 0:
+        return line, start, end
+    order = np.lexsort((start, line))
+    line, start, end = line[order], start[order], end[order]
+    # Running maximum of the ends within each line, exact because it runs over ranks, not values.
+    values, rank = np.unique(end, return_inverse=True)
+    lift = (line - line[0]) * len(values)
+    reach = np.maximum.accumulate(rank + lift)
+    reach_value = values[np.clip(reach - lift, 0, len(values) - 1)]
+    new = np.ones(len(line), bool)
+    new[1:] = (line[1:] != line[:-1]) | (start[1:] > reach_value[:-1])
+    begin = np.flatnonzero(new)
+    last = np.append(begin[1:], len(line)) - 1
+    return line[begin], start[begin], reach_value[last]
+
+
+def cells_cut(segments: np.ndarray) -> np.ndarray:
+    """Lattice cells (squares of side 1 around the crossovers) that the outline passes through.
+
+    Returns
+    -------
+    int64 array (n, 2), unique (i, j).
+    """
+    pieces = []
+    begin, delta = segments[:, 0], segments[:, 1] - segments[:, 0]
+    owner, share = [np.arange(len(segments))], [np.zeros(len(segments))]
+    for axis in (0, 1):
+        # Parameters at which a segment crosses the cell borders k + 1/2.
+        ends = segments[:, :, axis] - 0.5
+        first, last = np.ceil(ends.min(axis=1)), np.floor(ends.max(axis=1))
+        count = np.maximum(last - first + 1, 0).astype(np.int64)
+        count[delta[:, axis] == 0] = 0
+        seg = np.repeat(np.arange(len(count)), count)
+        k = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[seg]
+        owner.append(seg)
+        share.append((k + 0.5 - begin[seg, axis]) / delta[seg, axis])
+    seg, t = np.concatenate(owner), np.clip(np.concatenate(share), 0, 1)
+    order = np.lexsort((t, seg))
+    seg, t = seg[order], t[order]
+    next_t = np.append(t[1:], 1.0)
+    next_t[np.append(seg[1:] != seg[:-1], True)] = 1.0
+    for at in (t, 0.5 * (t + next_t), next_t):
+        # Both neighbours where a point lies on a border: being generous costs nothing here.
+        point = begin[seg] + at[:, None] * delta[seg]
+        for shift in (-SNAP, SNAP):
+            pieces.append(np.floor(point + 0.5 + shift))
+            pieces.append(np.floor(point + 0.5 + np.array([shift, -shift])))
+    return np.unique(np.concatenate(pieces).astype(np.int64), axis=0)
+
+
+def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
+    """Area inside the outline that each quadrant of the given crossovers stands for.
+
+    A quadrant is the quarter of the lattice cell between two arms, cut by the outline. Quarters of
+    cells that lie inside the outline while their crossover lies outside go to the neighbours across
+    the quarter's two borders (half each if both exist), else to the one across its corner: every
+    bit of the outline is then carried by the nearest arms (mechanics: tails of yarns).
+
+    Parameters
+    ----------
+    ij : int array (n, 2)
+        Crossovers near the outline.
+    present : callable
+        present(ij) tells which lattice points are crossovers; shape (..., 2) -> bool (...).
+    outline : shapely polygon in lattice coordinates.
+
+    Returns
+    -------
+    float array (n, 4), in squared pitches, order of QUADRANTS.
+    """
+    area = np.zeros((len(ij), 4))
+    if len(ij) == 0:
+        return area
+    shapely.prepare(outline)
+    for q, (warp_arm, weft_arm) in enumerate(QUADRANTS):
+        warp, weft = ARM_STEP[warp_arm], ARM_STEP[weft_arm]
+        has_warp, has_weft = present(ij + warp), present(ij + weft)
+        has_both = present(ij + warp + weft)
+        # (cell, share of its quarter that faces this quadrant)
+        takes = [
+            (np.zeros(2, int), np.ones(len(ij))),
+            (warp, np.where(has_warp, 0.0, np.where(has_both, 0.5, 1.0))),
+            (weft, np.where(has_weft, 0.0, np.where(has_both, 0.5, 1.0))),
+            (warp + weft, np.where(has_both | has_warp | has_weft, 0.0, 1.0)),
+        ]
+        for step, weight in takes:
+            rows = np.flatnonzero(weight)
+            if len(rows) == 0:
+                continue
+            # The quarter of the cell at ij + step that touches this crossover's own quarter.
+            facing = np.where(step == 0, warp + weft, -(warp + weft))
+            corner = ij[rows] + step
+            other = corner + 0.5 * facing
+            low, high = np.minimum(corner, other), np.maximum(corner, other)
+            boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+            inside = shapely.contains_properly(outline, boxes)
+            piece = np.full(len(rows), 0.25)
+            piece[~inside] = shapely.area(shapely.intersection(outline, boxes[~inside]))
+            area[rows, q] += weight[rows] * piece
+    return area

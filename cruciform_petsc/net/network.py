@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: MIT
+"""The distributed network: crossovers, arm ends, who owns them and how they are numbered.
+
+Every rank cuts the yarns of the whole lattice with the outline (cost: the outline's length), deals
+the lattice out by recursive bisection, and then makes its own crossovers only. No rank ever holds
+more of the network than its own part and the arm ends on its border.
+
+*Nodes* are what displacement unknowns sit on: the arm ends (one between two neighbouring crossovers
+of a yarn, one where a yarn meets the outline) and the hinges of crossovers that lie on the outline.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from mpi4py import MPI
+
+from ..cloth.fabric import Fabric
+from ..cloth.preform import Preform
+from ..errors import InputError
+from ..memory import check_memory
+from ..parallel import GhostExchange
+from .keys import BETWEEN, HINGE, TAIL_AFTER, TAIL_BEFORE, pack_key
+from .lattice import (
+    ARM_STEP,
+    SHORTEST_ARM,
+    boundary_segments,
+    cells_cut,
+    quadrant_areas,
+    snapped,
+    yarn_lines,
+)
+from .partition import Partition
+
+# Bytes while a network is made, as measured: of a crossover, on one rank (330), and of a crossing
+# of the outline with a lattice line, on every rank.
+_BYTES, _OUTLINE_BYTES = 330.0, 1000.0
+# Lattice lines count from the origin and must fit into keys (pack_key).
+_FARTHEST = 2**29 - 4
+
+
+class Network:
+    """Net of crossovers and arm ends of a fabric inside an outline, dealt out over the ranks.
+
+    Collective. Raises InputError on every rank if the outline holds no crossover.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    preform : Preform
+    fabric : Fabric
+
+    Attributes
+    ----------
+    crossover_ij : int32 (n_owned, 2)
+        Lattice position of this rank's crossovers: i counts along the warp, j along the weft.
+    crossover_number_global : int64 (n_owned,)
+        Their numbers along the warp yarns, the same on any number of ranks.
+    crossover_position : float (n_owned, 2)
+        x, y in metres.
+    arm_length : float (n_owned, 4)
+        Metres, arms 1 to 4; 0 where the crossover lies on the outline.
+    quadrant_area : float (n_owned, 4)
+        Square metres inside the outline, order of lattice.QUADRANTS.
+    arm_node : int32 (n_owned, 4)
+        Local node at the end of each arm; the hinge's own node where the arm has no length.
+    arm_is_shared : bool (n_owned, 4)
+        Whether the arm end joins two crossovers.
+    boundary_crossovers : int32
+        Owned crossovers that differ from the regular cruciform (cut arms or quadrants).
+    node_key : int64 (n_local,)
+        Rank-independent name of each node; owned ones ascending (by yarn), then ghosts.
+    node_number_global : int64 (n_local,)
+        Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
+    ghost_owner : int32 (n_ghost,)
+        Ranks that own the ghosts.
+    node_position : float (n_local, 2)
+    node_is_boundary : bool (n_local,)
+        Ends on the outline, or lies close to it.
+    """
+
+    def __init__(self, comm: MPI.Intracomm, preform: Preform, fabric: Fabric):
+        self.comm, self.preform, self.fabric = comm, preform, fabric
+        self.pitch = np.array(preform.pitch(fabric))
+        preform.check_size(fabric)
+        self._check_fits()
+        outline_xy = preform.outline
+        segments = snapped(self._to_lattice(boundary_segments(outline_xy)))
+        self.warp_yarns = yarn_lines(segments, 0)
+        self.weft_yarns = yarn_lines(segments, 1)
+        count = np.maximum(self.warp_yarns.last - self.warp_yarns.first + 1, 0)
+        self.num_crossovers_global = int(count.sum())
+        if self.num_crossovers_global == 0:
+            raise InputError(
+                "the outline holds no crossover of the lattice: make it larger, choose a finer "
+                "pitch (refine) or move the lattice (origin)"
+            )
+        self._first_number = np.cumsum(count) - count
+        self.partition = Partition(self.warp_yarns, comm.size)
+        self._make_crossovers(segments, outline_xy)
+        self._make_nodes()
+
+    def _check_fits(self) -> None:
+        """Refuse in words, before anything is made, what has no room. Collective."""
+        outline = self.preform.outline
+        with np.errstate(over="ignore", divide="ignore"):
+            crossovers = float(np.float64(outline.area) / self.pitch[0] / self.pitch[1])
+            crossings = float(np.float64(outline.length) / self.pitch.min())
+        check_memory(
+            self.comm,
+            _BYTES * crossovers + _OUTLINE_BYTES * crossings * self.comm.size,
+            f"the outline holds about {crossovers:.3g} crossovers",
+            "choose a coarser pitch (refine, yarns_per_cruciform) or a smaller outline",
+        )
+        x0, y0, x1, y1 = outline.bounds
+        corners = self._to_lattice(np.array([[x0, y0], [x0, y1], [x1, y0], [x1, y1]]))
+        farthest = float(np.abs(corners).max())
+        if not farthest < _FARTHEST:
+            raise InputError(
+                f"the outline reaches {farthest:.3g} yarns from the lattice's origin, at most "
+                f"{_FARTHEST} can be counted: move preform.origin nearer"
+            )
+
+    # -- geometry -------------------------------------------------------------------------------
+
+    def _to_lattice(self, xy: np.ndarray) -> np.ndarray:
+        local = (xy - self.preform.lattice_origin) @ self.preform.rotation.T
+        return local / self.pitch
+
+    def _to_xy(self, lattice: np.ndarray) -> np.ndarray:
+        return (lattice * self.pitch) @ self.preform.rotation + self.preform.lattice_origin
+
+    def has_crossover(self, ij: np.ndarray) -> np.ndarray:
+        """Whether lattice points (..., 2) are crossovers of the network, on whichever rank."""
+        return self.warp_yarns.find(ij[..., 1], ij[..., 0]) >= 0
+
+    def crossover_number(self, ij: np.ndarray) -> np.ndarray:
+        """Global numbers of the crossovers at lattice points (..., 2), -1 where there is none."""
+        part = self.warp_yarns.find(ij[..., 1], ij[..., 0])
+        number = self._first_number[part] + ij[..., 0] - self.warp_yarns.first[part]
+        return np.where(part >= 0, number, -1)
+
+    def _make_crossovers(self, segments: np.ndarray, outline_xy: shapely.Polygon) -> None:
+        ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
+        n = len(ij)
+        self.crossover_ij = ij.astype(np.int32)
+        self.crossover_position = self._to_xy(ij)
+        self.crossover_number_global = self.crossover_number(ij)
+        cut = cells_cut(segments)
+        around = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+        near = np.unique((cut[:, None] + around).reshape(-1, 2), axis=0)
+        # Keys of lattice points sort like the crossovers do: by warp yarn, then along it.
+        near_key = np.sort((near[:, 1] << 32) + near[:, 0])
+        own_key = (ij[:, 1] << 32) + ij[:, 0]
+        at = np.searchsorted(near_key, own_key)
+        is_near = near_key[np.minimum(at, len(near_key) - 1)] == own_key
+        self.boundary_crossovers = np.flatnonzero(is_near).astype(np.int32)
+
+        half = np.tile(0.5 * self.pitch, 2)
+        self.arm_length = np.tile(half, (n, 1))
+        self.quadrant_area = np.full((n, 4), 0.25 * self.pitch.prod())
+        self.arm_is_shared = np.ones((n, 4), bool)
+        edge = ij[is_near]
+        length, shared = self._cut_arms(edge)
+        self.arm_length[is_near] = length * np.tile(self.pitch, 2)
+        self.arm_is_shared[is_near] = shared
+        rings = [
+            self._to_lattice(np.asarray(r.coords)[:, :2])
+            for r in (outline_xy.exterior, *outline_xy.interiors)
+        ]
+        outline = shapely.Polygon(snapped(rings[0]), [snapped(r) for r in rings[1:]])
+        self.quadrant_area[is_near] = (
+            quadrant_areas(edge, self.has_crossover, outline) * self.pitch.prod()
+        )
+
+    def _cut_arms(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arm lengths in pitches (n, 4) and whether each ends at a neighbouring crossover."""
+        length = np.zeros((len(ij), 4))
+        shared = np.zeros((len(ij), 4), bool)
+        for family, yarns in enumerate((self.warp_yarns, self.weft_yarns)):
+            along, line = ij[:, family], ij[:, 1 - family]
+            part = yarns.find(line, along)
+            if len(yarns.line) == 0:
+                continue
+            for arm, ends, sign in ((family, yarns.end, 1), (family + 2, yarns.start, -1)):
+                step = ARM_STEP[arm]
+                next_part = yarns.find(line, along + sign)
+                shared[:, arm] = (part >= 0) & (next_part == part) & self.has_crossover(ij + step)
+                tail = np.where(part >= 0, sign * (ends[part] - along), 0.0)
+                tail = np.where(tail < SHORTEST_ARM, 0.0, tail)
+                length[:, arm] = np.where(shared[:, arm], 0.5, tail)
+        return length, shared
+
+    # -- nodes ----------------------------------------------------------------------------------
+
+    def _node_keys(self) -> np.ndarray:
+        """Key of the node at the end of each arm, (n_owned, 4).
+
+        A key packs the yarn family (bit 62), the yarn's number (30 bits) and the place on the yarn
+        (32 bits) in quarters of a pitch: 4 i for a hinge, 4 i + 1 and 4 i - 1 for a tail after and
+        before crossover i, 4 i + 2 for the end shared by i and i + 1.
+        """
+        ij = self.crossover_ij.astype(np.int64)
+        keys = np.empty((len(ij), 4), np.int64)
+        for arm in range(4):
+            family, after = arm % 2, arm < 2
+            place = 4 * ij[:, family] + np.where(
+                self.arm_is_shared[:, arm],
+                BETWEEN if after else BETWEEN - 4,
+                TAIL_AFTER if after else TAIL_BEFORE,
+            )
+            keys[:, arm] = pack_key(family, ij[:, 1 - family], place)
+        hinge = pack_key(0, ij[:, 1], 4 * ij[:, 0] + HINGE)
+        missing = self.arm_length == 0
+        keys[missing] = np.broadcast_to(hinge[:, None], missing.shape)[missing]
+        return keys
+
+    def _make_nodes(self) -> None:
+        ij = self.crossover_ij.astype(np.int64)
+        keys = self._node_keys()
+        foreign = np.zeros(keys.shape, bool)
+        owner = np.full(keys.shape, self.comm.rank, np.int32)
+        for arm in (2, 3):  # an end shared by two crossovers belongs to the lower one
+            behind = ij + ARM_STEP[arm]
+            ask = self.arm_is_shared[:, arm] & ~self.partition.in_box(behind, self.comm.rank)
+            foreign[ask, arm] = True
+            owner[ask, arm] = self.partition.owner(behind[ask])
+        owned_key = np.unique(keys[~foreign])
+        ghost_key, first = np.unique(keys[foreign], return_index=True)
+        self.ghost_owner = ghost_owner = owner[foreign][first]
+        self.node_key = np.concatenate([owned_key, ghost_key])
+        self.num_nodes_owned = len(owned_key)
+        self.arm_node = np.empty(keys.shape, np.int32)
+        self.arm_node[~foreign] = np.searchsorted(owned_key, keys[~foreign])
+        self.arm_node[foreign] = np.searchsorted(ghost_key, keys[foreign]) + len(owned_key)
+
+        self.node_offset = self.comm.exscan(self.num_nodes_owned) or 0
+        self.num_nodes_global = self.comm.allreduce(self.num_nodes_owned)
+        self.exchange = GhostExchange(self.comm, owned_key, ghost_key, ghost_owner)
+        number = np.zeros(len(self.node_key), np.int64)
+        number[: len(owned_key)] = self.node_offset + np.arange(len(owned_key))
+        self.node_number_global = self.exchange.forward(number)
+
+        self.node_position = np.empty((len(self.node_key), 2))
+        self.node_is_boundary = np.zeros(len(self.node_key), bool)
+        direction = ARM_STEP @ self.preform.rotation
+        for arm in range(4):
+            self.node_position[self.arm_node[:, arm]] = (
+                self.crossover_position + self.arm_length[:, arm, None] * direction[arm]
+            )
+            self.node_is_boundary[self.arm_node[self.boundary_crossovers, arm]] = True
+        self.node_position = self.exchange.forward(self.node_position)
+        self.exchange.reverse(self.node_is_boundary, np.logical_or)
+        self.exchange.forward(self.node_is_boundary)
+
+    @property
+    def num_crossovers_owned(self) -> int:
+        """Crossovers of this rank."""
+        return len(self.crossover_ij)
+
+    @property
+    def num_nodes_local(self) -> int:
+        """Nodes of this rank and its ghosts."""
+        return len(self.node_key)
+
+    @property
+    def node_family(self) -> np.ndarray:
+        """0 for ends of warp yarns (and hinges), 1 for ends of weft yarns; (n_local,)."""
+        return (self.node_key >> 62).astype(np.int8)
+
+    @property
+    def node_is_hinge(self) -> np.ndarray:
+        """Nodes that are the hinge of a crossover on the outline; bool (n_local,)."""
+        return (self.node_key & 3) == 0
+
+    @property
+    def arm_directions(self) -> np.ndarray:
+        """Unit vectors of arms 1 to 4 in the yarn frame (components along warp, weft); (4, 2)."""
+        return ARM_STEP.astype(float)
+
+    def covered_area(self) -> float:
+        """Area in square metres that all quadrants stand for. Collective."""
+        return self.comm.allreduce(float(self.quadrant_area.sum()))
+
+    def statistics(self) -> dict:
+        """Sizes, load balance and cut yarns of the partition. Collective.
+
+        ``imbalance`` is the largest rank's share of crossovers over the mean; a yarn is cut once
+        wherever two neighbouring crossovers of it belong to different ranks.
+        """
+        counts = self.comm.allgather(self.num_crossovers_owned)
+        ghosts = self.num_nodes_local - self.num_nodes_owned
+        single = int((self.arm_is_shared.sum(axis=1) == 1).sum())
+        return {
+            "crossovers": self.num_crossovers_global,
+            "nodes": self.num_nodes_global,
+            "warp_yarns": len(np.unique(self.warp_yarns.line)),
+            "weft_yarns": len(np.unique(self.weft_yarns.line)),
+            "covered_area_m2": self.covered_area(),
+            "outline_area_m2": float(self.preform.outline.area),
+            "crossovers_per_rank_min": min(counts),
+            "crossovers_per_rank_max": max(counts),
+            "imbalance": max(counts) * len(counts) / sum(counts),
+            "cut_yarns": self.comm.allreduce(ghosts),
+            "joined_by_one_arm": self.comm.allreduce(single),
+        }
+
+    def __repr__(self) -> str:
+        return (
+            f"Network({self.num_crossovers_global} crossovers, {self.num_nodes_global} nodes, "
+            f"pitch {1e3 * self.pitch[0]:.4g} x {1e3 * self.pitch[1]:.4g} mm, "
+            f"{self.comm.size} rank{'s' if self.comm.size > 1 else ''})"
+        )

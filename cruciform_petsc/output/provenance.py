@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""Where a result comes from: program, commit, versions, date, ranks."""
+
+from __future__ import annotations
+
+import json
+import platform
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .. import __version__
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from ..experiments.result import TestResult
+
+LIBRARIES = ("numpy", "scipy", "numba", "mpi4py", "petsc4py", "h5py", "fenics-dolfinx")
+LONGEST_NOTE = 60_000  # bytes; HDF5 takes attributes up to 64 KiB
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program and of what it stands on, as far as they are installed."""
+    from petsc4py import PETSc  # starts PETSc
+
+    told = {
+        "cruciform_petsc": __version__,
+        "python": platform.python_version(),
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+    }
+    for name in LIBRARIES:
+        try:
+            told[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return told
+
+
+def commit() -> str | None:
+    """Git commit of the program, if it runs from a clone; read without running git."""
+    git = Path(__file__).resolve().parents[2] / ".git"
+    try:
+        if git.is_file():  # of a further work tree
+            git = git.parent / git.read_text(encoding="utf-8").strip().removeprefix("gitdir: ")
+        head = (git / "HEAD").read_text(encoding="ascii").strip()
+        if not head.startswith("ref: "):
+            return head or None
+        name = head.removeprefix("ref: ")
+        common = git / "commondir"
+        if common.is_file():
+            git = git / common.read_text(encoding="utf-8").strip()
+        if (git / name).is_file():
+            return (git / name).read_text(encoding="ascii").strip()
+        packed = (git / "packed-refs").read_text(encoding="ascii").splitlines()
+        return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
+    except (OSError, ValueError):
+        return None
+
+
+def provenance(comm: MPI.Intracomm) -> dict[str, Any]:
+    """What a summary says: ranks, versions, date and commit; the same on every rank. Collective."""
+    told = None
+    if comm.rank == 0:
+        date = datetime.now(UTC).isoformat(timespec="seconds")
+        told = {"versions": versions(), "date": date, "commit": commit()}
+    return {"ranks": comm.size, **comm.bcast(told)}
+
+
+def file_notes(result: TestResult, case: dict[str, Any] | None = None) -> dict[str, str | int]:
+    """The same as attributes of a data file, with what was tested. Collective.
+
+    Parameters
+    ----------
+    result : TestResult
+    case : dict, optional
+        The case file's content; left out if it is too long for an attribute.
+    """
+    told = provenance(result.network.comm)
+    notes = {
+        "program": f"cruciform_petsc {__version__}",
+        "commit": told["commit"] or "",
+        "versions": json.dumps(told["versions"]),
+        "date": told["date"],
+        "ranks": told["ranks"],
+        "test": result.experiment.kind,
+        "fabric": repr(result.network.fabric),
+        "preform": repr(result.network.preform),
+    }
+    text = json.dumps(case, ensure_ascii=False)
+    if case is not None and len(text.encode()) <= LONGEST_NOTE:
+        notes["case"] = text
+    return notes

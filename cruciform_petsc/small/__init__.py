@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Small displacements: the paper's linear systems."""

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: MIT
+"""The paper's procedure: one system for each mode of deformation, one after the other.
+
+Each of the three matrices is singular on its own (section 6 of the paper does not say what its
+Gauss elimination did about that). The rule here: each gets the whole load and is solved in
+the range of its matrix, with the displacement of smallest norm. The part of the load outside
+the range is what the mode cannot carry; it is reported, not hidden.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..solvers.linear import LEAST_NORM, PREFIX, LinearSolver, SolverInfo
+from .network import LinearNetwork
+
+
+@dataclass
+class ModeSolution:
+    """One of the separate systems.
+
+    Attributes
+    ----------
+    displacement : float (n_local, d)
+        Node unknowns, ghosts filled.
+    uncarried : float
+        Norm of the part of the load that the mode cannot carry, over the norm of the load.
+    tied_displacement : float
+        Common displacement of the tied edge, m.
+    """
+
+    displacement: np.ndarray
+    uncarried: float
+    tied_displacement: float
+    solver: SolverInfo
+
+
+def solve_separately(
+    linear: LinearNetwork, load: float, options: dict | None = None
+) -> dict[str, ModeSolution]:
+    """Solve tension, shear and bending each by itself for a load on the tied edge. Collective.
+
+    Parameters
+    ----------
+    linear : LinearNetwork
+        With an edge tied by Constraints.tie.
+    load : float
+        Force along the tied direction, N.
+    options : dict, optional
+        PETSc options under the prefix.
+
+    Raises SolverError on every rank if an iteration fails.
+    """
+    tie, master = _tie_matrix(linear)
+    solutions = {}
+    for mode in linear.modes:
+        matrix = linear.matrix(mode)
+        reduced = matrix.ptap(tie)
+        # One scale for all modes, or the weak ones would lie below the stiff one's tolerance.
+        scale = reduced.norm(PETSc.NormType.INFINITY)
+        reduced.scale(1.0 / scale)
+        rhs = reduced.createVecRight()
+        begin, end = rhs.getOwnershipRange()
+        if begin <= master < end:
+            rhs.setValue(master, load / scale)
+        rhs.assemble()
+        solver = LinearSolver(reduced, options=LEAST_NORM, extra=options, prefix=PREFIX)
+        x, info = solver.solve(rhs, singular=True)
+        full = tie.createVecLeft()
+        tie.mult(x, full)
+        tied = float(x.getValue(master)) if begin <= master < end else 0.0
+        solutions[mode] = ModeSolution(
+            linear.local(full),
+            info.relative_residual,
+            linear.network.comm.allreduce(tied),
+            info,
+        )
+        solver.destroy()
+        for thing in (matrix, reduced, rhs, x, full):
+            thing.destroy()
+    tie.destroy()
+    return solutions
+
+
+def _tie_matrix(linear: LinearNetwork) -> tuple[PETSc.Mat, int]:
+    """Matrix that gives all unknowns from the independent ones; number of the common one."""
+    network, d = linear.network, linear.unknowns_per_node
+    owned = network.num_nodes_owned
+    number = network.node_number_global[:owned, None] * d + np.arange(d)
+    tied = linear.constraints.tied[:owned]
+    lowest = number[tied, 0].min(initial=np.iinfo(np.int64).max)
+    master = min(network.comm.allgather(int(lowest)))
+    column = number.copy()
+    column[tied, 0] = master
+    column = column.astype(PETSc.IntType).ravel()
+    rows = np.arange(len(column) + 1, dtype=PETSc.IntType)
+    matrix = PETSc.Mat().create(comm=network.comm)
+    matrix.setSizes(((len(column), None), (len(column), None)))
+    matrix.setType(PETSc.Mat.Type.AIJ)
+    matrix.setPreallocationCSR((rows, column, np.ones(len(column))))
+    return matrix, master

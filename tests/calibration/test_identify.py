@@ -1,0 +1,609 @@
+# SPDX-License-Identifier: MIT
+"""Shear laws from load curves: laws that are known come back; what is not known is told."""
+
+import json
+import logging
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from cruciform_petsc.calibrate import calibrate_case
+from cruciform_petsc.calibration import (
+    MeasuredCurve,
+    Specimen,
+    calibrate,
+    calibrate_together,
+    predict,
+    read_curve,
+)
+from cruciform_petsc.calibration.formula import (
+    frame_angle,
+    torque_from_frame,
+    torque_from_loads,
+)
+from cruciform_petsc.calibration.identify import LoadCurve, table_changes
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.fabric import Fabric
+from cruciform_petsc.cloth.preform import Preform
+from cruciform_petsc.elements.kinematics import net_angle
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.laws import linear, odd_polynomial, table
+from cruciform_petsc.net.network import Network
+
+DEMOS = Path(__file__).parents[2] / "demos"
+GLASS_PP = Fabric.from_library("glass-pp-plain-1.93")
+# The cloth before anything is known of its shear.
+UNKNOWN = replace(GLASS_PP, shear_law=None, shear_modulus=7.5)
+DISPLACEMENT = 1e-3 * np.array([1.5, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 33])
+RISING = odd_polynomial([5.0, 20.0])
+LOG = logging.getLogger("test_calibrate")
+
+
+def net_load(angle: np.ndarray, law, width: float, length: float) -> np.ndarray:
+    """Force of a net that follows `law` (Potential), by torque_from_loads' formula, N."""
+    half = 0.5 * np.asarray(angle, float)
+    torque = (2.0 * length - 3.0 * width) * law.evaluate(2.0 * half)[1]
+    torque = torque + width * law.evaluate(half)[1]
+    return torque / ((length / width - 1.0) * (np.cos(half) - np.sin(half)))
+
+
+def specimen(lumped=3, size=("100 mm", "200 mm"), angle="45 deg", fabric=UNKNOWN):
+    """A small network, so that a load curve takes a fraction of a second."""
+    preform = Preform.rectangle(*size, angle, yarns_per_cruciform=lumped)
+    return Network(MPI.COMM_SELF, preform, fabric)
+
+
+def loads_of(network, law, displacement=DISPLACEMENT, **options):
+    curve = LoadCurve(network, displacement, **options)
+    try:
+        return curve.solve(law)
+    finally:
+        curve.destroy()
+
+
+# -- the measured curve ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "displacement [mm], force [N]\n1, 0.5\n2, 1\n4, 2\n5.5, 2.5\n",
+        "extension_mm,load_N\n1,0.5\n2,1\n4,2\n5.5,2.5\n",
+        "displacement (mm);force (N)\n1;0,5\n2;1\n4;2\n5,5;2,5\n",
+        "\ufeffWeg [mm]\tKraft [N]\n1\t0,5\n2\t1\n4\t2,0\n5,5\t2,5\n",
+        "# a comment\n\nForce / N, Travel / m\n0.5, 1e-3\n# more\n1, 2e-3\n2, 4e-3\n2.5, .0055\n",
+        "crosshead cm,load kN\n.1,.0005\n.2,.001\n.4,.002\n.55,.0025\n",
+        '"Displacement","Load"\n"(mm)","(N)"\n"0","0"\n"1","0.5"\n"2","1"\n"4","2"\n"5.5","2.5"\n',
+        # The curve that this program writes: further columns are not looked at.
+        "extension_mm,load_N,shear_max_deg,energy_shear_J\n1,.5,3,0\n2,1,5,0\n4,2,,\n5.5,2.5,9,1\n",
+    ],
+)
+def test_reads_what_machines_write(tmp_path, text):
+    path = tmp_path / "curve.csv"
+    path.write_text(text, encoding="utf-8")
+    curve = read_curve(path)
+    np.testing.assert_allclose(curve.displacement, [1e-3, 2e-3, 4e-3, 5.5e-3], rtol=1e-14)
+    np.testing.assert_allclose(curve.force, [0.5, 1.0, 2.0, 2.5], rtol=1e-14)
+
+
+HEAD = "displacement [mm], force [N]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("1, 2\n2, 3\n", "has no header with units, write for example"),
+        (
+            "displacement, force\n1, 2\n",
+            'no column with a unit of displacement in its header "disp',
+        ),
+        ("displacement [mm], force [kg]\n1, 2\n", "no column with a unit of force"),
+        ("d [mm], e [mm], F [N]\n1, 2, 3\n", "2 columns with a unit of displacement"),
+        (HEAD + "1, 2\n2, x\n", 'line 3: force must be a finite number, got "x"'),
+        (HEAD + "1, 2\n2,\n", 'line 3: force must be a finite number, got ""'),
+        (HEAD + "1, 2\n2, nan\n", "line 3: force must be a finite number"),
+        (HEAD + "1, 2\n2\n", "line 3, has 1 columns instead of 2"),
+        (HEAD + "1,5, 2,5\n", "line 2, has 4 columns instead of 2, decimal commas need semicolons"),
+        (HEAD + "1, 2\n2, 3\n3, 4\n", "has 3 points with a displacement, at least 4"),
+        (HEAD + "1, 2\n2, -3\n3, 4\n4, 5\n", "must be positive, it is -3 N at 2 mm"),
+        (HEAD + "-1, 2\n2, 3\n3, 4\n4, 5\n", "negative displacement -1 mm"),
+        (HEAD + "1, 2\n2, 3\n3, 4\n4, 5\n2, 1\n", "turns back after 4 mm"),
+        ("\0\0", "is not a text file"),
+    ],
+)
+def test_bad_curves_are_one_sentence(tmp_path, text, message):
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_curve(path)
+    assert message in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_missing_curve(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        read_curve(tmp_path / "no.csv")
+    with pytest.raises(InputError, match="is a folder"):
+        read_curve(tmp_path)
+
+
+def test_many_rows_are_averaged():
+    """Noise of neighbours averages out; a line stays a line."""
+    rng = np.random.default_rng(1)
+    d = np.sort(rng.uniform(0.0, 0.05, 3000))
+    curve = MeasuredCurve.from_points(d, 100.0 * d + 1.0 + rng.normal(0, 0.1, 3000), most=30)
+    assert (len(curve.force), curve.rows) == (30, 3000)
+    # 0.1 over the root of 100 rows is 0.01; four times that.
+    np.testing.assert_allclose(curve.force, 100.0 * curve.displacement + 1.0, atol=0.04)
+
+
+# -- the closed formula ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ratio", [2.0, 3.0])
+@pytest.mark.parametrize("law", [linear(20.0), RISING], ids=["linear", "polynomial"])
+def test_formula_is_the_work_of_the_zones(ratio, law):
+    """Force from differences of the zones' energy, with their areas from geometry."""
+    width = 0.1
+    length = ratio * width
+    middle, side = width * (2 * length - 3 * width) / 2, width**2
+    # Areas: two triangles at each clamp make up the rest.
+    assert middle + side + width**2 / 2 == pytest.approx(width * length, rel=1e-14)
+
+    def energy(d):
+        g = net_angle(d, length - width)
+        return middle * law.evaluate(g)[0] + side * law.evaluate(0.5 * g)[0]
+
+    d = np.linspace(0.001, 0.35 * (length - width), 7)
+    force = (energy(d + 1e-7) - energy(d - 1e-7)) / 2e-7
+    np.testing.assert_allclose(
+        net_load(net_angle(d, length - width), law, width, length), force, 1e-6
+    )
+
+
+def test_formula_backwards():
+    """Exact for a straight line; for a curved law to its bend between measured points."""
+    d = np.linspace(0.0005, 0.038, 60)
+    g = net_angle(d, 0.1)
+    for law, tolerance in ((linear(20.0), 1e-10), (RISING, 1e-3)):
+        angle, torque = torque_from_loads(d, net_load(g, law, 0.1, 0.2), 0.1, 0.2)
+        inside = g < np.deg2rad(75)
+        np.testing.assert_allclose(angle, g[inside], rtol=1e-14)
+        np.testing.assert_allclose(torque, law.evaluate(angle)[1], rtol=tolerance)
+
+
+# -- derivatives -------------------------------------------------------------------------------
+
+
+def test_derivatives_of_the_loads():
+    """Against differences of loads of two laws, by each value of the table."""
+    angles, values = np.deg2rad([3.0, 10.0, 20.0, 35.0]), np.array([3.0, 4.0, 7.0, 12.0])
+    displacement = [0.004, 0.012, 0.022]
+    network = specimen()
+    curve = LoadCurve(network, displacement)
+    try:
+        law = table(angles, values)
+        curve.solve(law)
+        curve.accept()
+        exact = curve.derivatives(law, table_changes(angles, values))
+        for k in range(4):
+            h = 1e-4 * np.eye(4)[k] * values[k]
+            up, down = (
+                curve.solve(table(angles, values + h)),
+                curve.solve(table(angles, values - h)),
+            )
+            # Newton stops at 1e-8 of the clamps' forces, differences are 1e-4 of them.
+            np.testing.assert_allclose(
+                (up - down) / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max() * 0.1
+            )
+    finally:
+        curve.destroy()
+
+
+# -- known laws --------------------------------------------------------------------------------
+
+
+def test_a_straight_line_comes_back():
+    """It costs no smoothing and is within the tables, so nothing but iterations errs."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, linear(20.0)))
+    assert found.start_from == "closed formula"
+    assert found.rms < 1e-4
+    np.testing.assert_allclose(found.values, 20.0 * found.angles, rtol=1e-3)
+    assert found.determined.all()
+    assert found.fabric.shear == found.law
+
+
+def test_a_stiffening_law_comes_back():
+    """A polynomial is no table, and smoothing bends it: 2 % inside, more at the open end."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, RISING))
+    true = RISING.evaluate(found.angles)[1]
+    np.testing.assert_allclose(found.values[:-1], true[:-1], rtol=0.02)
+    assert found.rms < 0.005 < found.start_rms
+
+
+def test_friction_and_locking():
+    """A steep beginning, a plateau and a climb, with less smoothing as the data are exact."""
+    law = table(np.deg2rad([3, 10, 20, 30, 40, 50]), [4.0, 5.0, 7.0, 12.0, 25.0, 60.0])
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, law), smoothing=0.05)
+    true = law.evaluate(found.angles)[1]
+    # The kinks at 3 and 10 degrees fall between knots at 2, 4, 7, 11.
+    np.testing.assert_allclose(found.values[:-1], true[:-1], rtol=0.1)
+    np.testing.assert_allclose(found.values[3:-1], true[3:-1], rtol=0.02)
+    assert found.rms < 0.015
+
+
+def test_noise():
+    """With 3 % of noise the law is off by a few per cent, as the standard errors say."""
+    network = specimen()
+    noise = 1.0 + 0.03 * np.random.default_rng(5).standard_normal(len(DISPLACEMENT))
+    found = calibrate(network, DISPLACEMENT, noise * loads_of(network, RISING))
+    off = found.values - RISING.evaluate(found.angles)[1]
+    assert 0.01 < found.noise < 0.06
+    assert found.rms < 0.045
+    assert (np.abs(off) < 4.0 * found.standard_errors).all()
+    assert (found.standard_errors[found.determined] < 0.2 * found.values[found.determined]).all()
+
+
+def test_another_cut_starts_from_a_straight_line():
+    """At 40 degrees there is no closed formula."""
+    network = specimen(angle="40 deg")
+    found = calibrate(network, DISPLACEMENT[:9], loads_of(network, RISING, DISPLACEMENT[:9]))
+    assert found.start_from == "straight line"
+    np.testing.assert_allclose(found.values[:-1], RISING.evaluate(found.angles[:-1])[1], rtol=0.03)
+
+
+def test_half_a_specimen():
+    """Its clamp moves half as far under the same load, and it starts from the same law."""
+    d = DISPLACEMENT[:9]
+    half = specimen(size=("100 mm", "100 mm"))
+    loads = loads_of(half, RISING, 0.5 * d, upper="centre-line")
+    found = calibrate(half, 0.5 * d, loads, upper="centre-line")
+    assert found.start_from == "closed formula"
+    np.testing.assert_allclose(found.values[:-1], RISING.evaluate(found.angles[:-1])[1], rtol=0.03)
+
+
+# -- what the data do not determine ------------------------------------------------------------
+
+
+def test_undetermined_part_is_told():
+    """Beyond what the cloth reaches, and where no point was measured, no value is vouched for."""
+    network = specimen()
+    d = DISPLACEMENT[5:9]  # 15 to 24 mm
+    angles = np.deg2rad([0.5, 1, 5, 10, 15, 20, 25, 35, 50, 70])
+    found = calibrate(network, d, loads_of(network, RISING, d), angles=angles)
+    reached = np.rad2deg(found.reached.max())
+    assert 20 < reached < 35
+    assert not found.determined[-2:].any()  # 50 and 70 degrees
+    assert found.determined[5:7].all()  # 20 and 25, the middle of the specimen
+    # Their singular values are next to nothing.
+    assert (found.singular_values[-2:] < 1e-3 * found.singular_values[0]).all()
+    assert found.effective_parameters < 5
+    low, high = found.uncertain_ranges()[-1]
+    assert np.rad2deg(low) <= reached + 1e-9
+    assert high == np.inf
+    assert any("extrapolated" in remark for remark in found.remarks())
+
+
+def test_what_was_assumed_is_told():
+    """Twice the yarn bending, and what that does to the law, against identifying it anew."""
+    stiff = replace(UNKNOWN.warp, yarn_bending=2e-5), replace(UNKNOWN.weft, yarn_bending=2e-5)
+    fabric = replace(UNKNOWN, warp=stiff[0], weft=stiff[1])
+    network = specimen(fabric=fabric)
+    loads = loads_of(network, RISING)
+    found = calibrate(network, DISPLACEMENT, loads)
+    twice = [replace(family, yarn_bending=4e-5) for family in stiff]
+    other = specimen(fabric=replace(fabric, warp=twice[0], weft=twice[1]))
+    told = found.assumptions["yarn bending"]
+    np.testing.assert_allclose(
+        loads_of(other, found.law) / found.loads - 1.0, told.loads, atol=1e-6
+    )
+    anew = calibrate(other, DISPLACEMENT, loads, angles=found.angles)
+    # First order against all orders: half as much again.
+    change = anew.values / found.values - 1.0
+    np.testing.assert_allclose(told.values[:-1], change[:-1], atol=0.5 * abs(change).max())
+    assert abs(change).max() > 0.05
+    assert any("Twice the yarn bending" in remark for remark in found.remarks())
+
+
+def test_place_of_the_yarns_is_told():
+    """Loads of a network whose crossovers lie half a cell away, in another specimen's file."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT[:8], loads_of(network, RISING, DISPLACEMENT[:8]))
+    # At 45 degrees half a cell along both yarns is half a diagonal along the pull.
+    origin = (0.0, 0.1 + network.pitch[0] / np.sqrt(2))
+    preform = Preform.rectangle("100 mm", "200 mm", "45 deg", yarns_per_cruciform=3, origin=origin)
+    moved = loads_of(Network(MPI.COMM_SELF, preform, UNKNOWN), found.law, DISPLACEMENT[:8])
+    told = found.assumptions["place of the yarns"]
+    np.testing.assert_allclose(moved / found.loads - 1.0, told.loads, atol=1e-6)
+    assert abs(told.loads).max() > 0.02
+    assert (found.dependent == (abs(told.values) > 0.2)).all()
+
+
+# -- picture frame -----------------------------------------------------------------------------
+
+FRAME = 1e-3 * np.array([3, 8, 14, 20, 26, 31, 35])  # of 100 mm sides: 5 to 67 degrees
+
+
+def frame(size=("100 mm", "100 mm"), fabric=UNKNOWN):
+    return specimen(4, size, "0 deg", fabric)
+
+
+def test_formula_of_the_frame():
+    """psi' = F sin(theta)/L of a square; of a rectangle from differences of the energy."""
+    g, torque = torque_from_frame(FRAME, np.ones(len(FRAME)), (0.1, 0.1))
+    np.testing.assert_allclose(torque, np.sin(0.5 * (0.5 * np.pi - g)) / 0.1, rtol=1e-12)
+    sides = 0.1, 0.15
+    step = [RISING.evaluate(frame_angle(FRAME + s * 1e-7, sides))[0] for s in (1, -1)]
+    force = 0.1 * 0.15 * (step[0] - step[1]) / 2e-7
+    g, torque = torque_from_frame(FRAME, force, sides)
+    np.testing.assert_allclose(torque, RISING.evaluate(g)[1], rtol=1e-6)
+    assert np.isnan(frame_angle([0.2], sides)).all()
+
+
+@pytest.mark.parametrize("size", [("100 mm", "100 mm"), ("80 mm", "120 mm")])
+def test_network_in_a_frame(size):
+    """Shears uniformly, so the formula is the network's load; derivatives against differences."""
+    network = frame(size)
+    curve = LoadCurve(network, FRAME[::2], kind="picture-frame")
+    try:
+        angles, values = np.deg2rad([5.0, 20.0, 45.0, 70.0]), np.array([3.0, 5.0, 9.0, 20.0])
+        law = table(angles, values)
+        loads = curve.solve(law)
+        curve.accept()
+        low_x, low_y, high_x, high_y = network.preform.outline.bounds
+        g, torque = torque_from_frame(FRAME[::2], loads, (high_x - low_x, high_y - low_y))
+        # Work of turning is a difference over 1e-5 of the angle.
+        np.testing.assert_allclose(torque, law.evaluate(g)[1], rtol=1e-4)
+        np.testing.assert_allclose(curve.angles(), g, rtol=1e-4)
+        exact = curve.derivatives(law, table_changes(angles, values))
+        for k in range(4):
+            h = 1e-3 * np.eye(4)[k] * values[k]
+            change = curve.solve(table(angles, values + h)) - curve.solve(table(angles, values - h))
+            np.testing.assert_allclose(
+                change / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
+            )
+    finally:
+        curve.destroy()
+
+
+def test_law_from_a_frame_predicts_a_bias_test():
+    """The law comes back from the frame; loads of a strip are foretold with it."""
+    network = frame()
+    loads = loads_of(network, RISING, FRAME, kind="picture-frame")
+    found = calibrate(network, FRAME, loads, kind="picture-frame")
+    assert found.start_from == "closed formula"
+    assert found.rms < 0.005
+    assert found.determined.all()
+    # Smoothing bends the law a little: 2 %, as with a strip.
+    inside = found.angles > frame_angle(FRAME[0], (0.1, 0.1))
+    true = RISING.evaluate(found.angles)[1]
+    np.testing.assert_allclose(found.values[inside], true[inside], rtol=0.02)
+    strip, d = specimen(4), DISPLACEMENT[2::2]
+    assert predict(found, strip, d, loads_of(strip, RISING, d)).rms < 0.02
+    # And the other way: the frame is foretold.
+    assert predict(found, network, FRAME, loads, kind="picture-frame").rms == pytest.approx(
+        found.rms, rel=1e-3
+    )
+
+
+def test_frame_of_a_case(tmp_path):
+    """A picture-frame case with the curve that this program writes of such a test."""
+    settings = ["preform.yarns_per_cruciform=5", "output.pictures=false"]
+    case = Case.load(DEMOS / "picture_frame.toml", settings)
+    law = case.fabric().shear
+    g = frame_angle(FRAME, (0.1, 0.1))
+    f = law.evaluate(g)[1] * 0.1 / np.sin(0.25 * np.pi - 0.5 * g)
+    head = "angle_deg,load_N,crosshead_mm,shear_force_N_per_mm\n"
+    rows = zip(np.rad2deg(g), f, 1e3 * FRAME, f, strict=True)
+    path = tmp_path / "frame.csv"
+    path.write_text(head + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
+    told = calibrate_case(MPI.COMM_SELF, case, path, tmp_path, LOG)
+    assert told["rms_relative_error"] < 0.005
+
+    # A strip beside it, of the same law; the curves' points follow each other in the file.
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"] |= {"outline": {"rectangle": ["100 mm", "200 mm"]}, "bias_angle": "45 deg"}
+    data["test"] = {"kind": "bias-extension", "extension": "1 mm", "finite": True}
+    data["output"]["pictures"] = True
+    strip = Case.from_data(data)
+    d = DISPLACEMENT[1::3]
+    loads = loads_of(Network(MPI.COMM_SELF, strip.preform(), case.fabric()), law, d)
+    other = tmp_path / "strip.csv"
+    other.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, loads, strict=True)))
+    told = calibrate_case(
+        MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0, 0.5]
+    )
+    assert [curve["kind"] for curve in told["curves"]] == ["bias-extension", "picture-frame"]
+    assert [curve["weight"] for curve in told["curves"]] == [1.0, 0.5]
+    assert max(curve["rms_relative_error"] for curve in told["curves"]) < 0.02
+    rows = np.genfromtxt(tmp_path / "calibration.csv", delimiter=",", names=True)
+    assert rows["curve"].tolist() == [1] * len(d) + [2] * len(FRAME)
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="there are 1 weights for 2 curves"):
+        calibrate_case(
+            MPI.COMM_SELF, strip, other, tmp_path, LOG, also=[(case, path)], weights=[1.0]
+        )
+
+
+def test_frames_that_cannot_be():
+    with pytest.raises(InputError, match="is closed at 58.57"):
+        calibrate(frame(), [0.01, 0.02, 0.03, 0.07], [1.0, 2, 3, 4], kind="picture-frame")
+    with pytest.raises(InputError, match="kind is 'biaxial'; it can be"):
+        calibrate(frame(), FRAME, FRAME, kind="biaxial")
+
+
+# -- several curves, bounds ---------------------------------------------------------------------
+
+
+def test_two_curves_and_their_weights():
+    """A strip and a frame of cloths that differ by 20 %: the law goes with the weights."""
+    strip, square = specimen(5), frame()
+    d = DISPLACEMENT[1::3]
+    low = MeasuredCurve.from_points(d, loads_of(strip, RISING, d))
+    high = MeasuredCurve.from_points(
+        FRAME, 1.2 * loads_of(square, RISING, FRAME, kind="picture-frame")
+    )
+    true = RISING.evaluate(np.deg2rad(20.0))[1]
+    ratio = []
+    for weight in (0.01, 100.0):
+        found = calibrate_together(
+            [Specimen(strip, low, weight=weight), Specimen(square, high, "picture-frame")]
+        )
+        ratio.append(found.law.evaluate(np.deg2rad(20.0))[1] / true)
+        assert [part.stop for part in found.parts] == [len(d), len(d) + len(FRAME)]
+        assert len(found.residuals) == len(d) + len(FRAME)
+    # Between the two, nearer to the heavier one; to smoothing.
+    np.testing.assert_allclose(ratio, [1.2, 1.0], atol=0.03)
+    alone = calibrate(square, high, kind="picture-frame", angles=found.angles)
+    twice = calibrate_together([Specimen(square, high, "picture-frame")] * 2, angles=found.angles)
+    np.testing.assert_allclose(twice.values, alone.values, rtol=1e-3)
+    with pytest.raises(InputError, match="weight of a curve must be positive"):
+        calibrate_together([Specimen(strip, low, weight=0.0)])
+
+
+def test_bounds_of_the_law():
+    """Bounds hold where the data would have it otherwise, and do nothing elsewhere."""
+    square = frame()
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    free = calibrate(square, FRAME, loads, kind="picture-frame")
+    wide = calibrate(
+        square, FRAME, loads, kind="picture-frame", bounds=(linear(1.0), linear(100.0))
+    )
+    np.testing.assert_allclose(wide.values, free.values, rtol=2e-3)
+    cap = linear(9.0)
+    capped = calibrate(square, FRAME, loads, kind="picture-frame", bounds=(None, cap))
+    limit = cap.evaluate(capped.angles)[1]
+    assert (free.values > 1.05 * limit).any()
+    assert (capped.values <= limit * (1 + 1e-6)).all()
+    np.testing.assert_allclose(capped.values[-1], limit[-1], rtol=1e-6)
+    with pytest.raises(InputError, match="no rising law lies within the bounds"):
+        calibrate(square, FRAME, loads, kind="picture-frame", bounds=(linear(9.0), linear(5.0)))
+
+
+# -- hold-out ----------------------------------------------------------------------------------
+
+
+def test_another_specimen_is_predicted():
+    """A law found on H = 2 W foretells H = 2.5 W; the law before does not."""
+    network = specimen()
+    found = calibrate(network, DISPLACEMENT, loads_of(network, RISING))
+    other = specimen(size=("80 mm", "200 mm"))
+    further = 1e-3 * np.array([5.0, 15.0, 25.0, 35.0, 44.0])
+    told = predict(found, other, further, loads_of(other, RISING, further))
+    # As far as the law is known: the errors of its table, 2 % each (see above).
+    assert told.rms_known < 0.015
+    assert told.extrapolated.tolist() == (told.angles > found.reached.max()).tolist()
+    before = predict(UNKNOWN.shear, other, further, loads_of(other, RISING, further))
+    assert before.rms > 10.0 * told.rms_known
+    assert not before.extrapolated.any()
+
+
+def test_hold_out_of_a_case(tmp_path):
+    """A second case and its data: figures in the summary, the curve in a file."""
+    settings = ["preform.yarns_per_cruciform=4", "output.pictures=false"]
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml", settings)
+    data = case.model_dump(exclude_none=True, by_alias=True)
+    data["preform"]["outline"] = {"rectangle": ["100 mm", "240 mm"]}
+    other = Case.from_data(data)
+    d = 1e-3 * np.array([6.0, 15.0, 30.0, 45.0])
+    f = loads_of(Network(MPI.COMM_SELF, other.preform(), GLASS_PP), GLASS_PP.shear, d)
+    path = tmp_path / "other.csv"
+    path.write_text(HEAD + "".join(f"{1e3 * a}, {b}\n" for a, b in zip(d, f, strict=True)))
+    curve = tmp_path / "curve.csv"
+    measured = (DEMOS / "glass_pp_bias.csv").read_text().splitlines()
+    curve.write_text("\n".join(measured[:-9]))
+    told = calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (other, path))
+    kept = json.loads((tmp_path / "calibration.json").read_text())["hold_out"]
+    assert kept["rms_relative_error"] == told["hold_out"]["rms_relative_error"]
+    assert kept["points"] == 4
+    # The same law at another mesh: where the coarse yarns lie is 5 to 10 % of the loads.
+    assert 0.0 < kept["rms_relative_error"] < 0.25
+    rows = np.genfromtxt(tmp_path / "hold_out.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(rows["measured_N"], f, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.mean(rows["relative_residual"] ** 2)), kept["rms_relative_error"], rtol=1e-6
+    )
+
+    data["test"] = {"kind": "off-axis-tension", "extension": "1 mm"}
+    with pytest.raises(InputError, match='of the hold-out case is "off-axis-tension"'):
+        calibrate_case(MPI.COMM_SELF, case, curve, tmp_path, LOG, (Case.from_data(data), path))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"smoothing": 0.0}, "smoothing must be positive"),
+        ({"angles": [0.2, 0.1]}, "angles must be two or more, ascending"),
+        ({"force": None}, "needs the forces"),
+    ],
+)
+def test_bad_arguments(changes, message):
+    given = {"displacement": DISPLACEMENT, "force": 1e3 * DISPLACEMENT} | changes
+    with pytest.raises(InputError, match=message):
+        calibrate(specimen(), **given)
+
+
+# -- the published curve -----------------------------------------------------------------------
+
+
+def test_library_law_gives_the_published_curve():
+    """Glass/PP, 115 mm x 230 mm at yarn pitch: within 6 % (RMS) was asked for, 2 % are reached."""
+    curve = read_curve(DEMOS / "glass_pp_bias.csv")
+    assert len(curve.force) == 16
+    network = specimen(1, ("115 mm", "230 mm"), fabric=GLASS_PP)
+    error = loads_of(network, GLASS_PP.shear, curve.displacement) / curve.force - 1.0
+    asked = curve.displacement > 3.9e-3
+    assert np.sqrt(np.mean(error[asked] ** 2)) < 0.03
+
+
+def test_calibration_of_the_published_curve(tmp_path):
+    """The whole way, on a coarser net, with all files; the law pasted into a case is the law."""
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml", ["preform.yarns_per_cruciform=3"])
+    told = calibrate_case(MPI.COMM_SELF, case, DEMOS / "glass_pp_bias.csv", tmp_path, LOG)
+    assert told["rms_relative_error"] < 0.06
+    assert told["rms_relative_error"] < told["rms_relative_error_start"]
+    assert json.loads((tmp_path / "calibration.json").read_text())["law"] == told["law"]
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+
+    rows = np.genfromtxt(tmp_path / "calibration.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(
+        rows["fit_N"] / rows["measured_N"] - 1, rows["relative_residual"], 1e-9
+    )
+
+    pasted = tomllib.loads((tmp_path / "law.toml").read_text())["fabric"]
+    law = Fabric.from_library("glass-pp-plain-1.93", pasted).shear
+    parameters = told["parameters"]
+    angle = np.deg2rad([row["angle_deg"] for row in parameters])
+    values = 1e3 * np.array([row["force_n_per_mm"] for row in parameters])
+    np.testing.assert_allclose(law.evaluate(angle)[1], values, rtol=1e-3)  # four digits
+    again = loads_of(
+        specimen(3, ("115 mm", "230 mm"), fabric=GLASS_PP), law, told["displacement_m"]
+    )
+    np.testing.assert_allclose(again, told["load_n"], rtol=2e-3)
+
+
+def test_other_tests_are_refused(tmp_path):
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml")
+    data = case.model_dump(exclude_none=True)
+    data["test"] = {"kind": "off-axis-tension", "extension": "1 mm"}
+    with pytest.raises(InputError, match='with kind = "bias-extension" or "picture-frame" only'):
+        calibrate_case(
+            MPI.COMM_SELF, Case.from_data(data), DEMOS / "glass_pp_bias.csv", tmp_path, LOG
+        )
+
+
+def test_data_in_the_wrong_unit():
+    """Further than the yarns of the strip could ever go: told before anything is solved."""
+    fabric = Fabric.from_library("glass-pp-plain-1.93")
+    specimen = Network(MPI.COMM_SELF, Preform.rectangle("115 mm", "230 mm"), fabric)
+    with pytest.raises(InputError, match="lie along the pull at 47.6"):
+        calibrate(specimen, [0.02, 0.05, 0.1, 0.15], [2.0, 4.0, 6.0, 9.0])

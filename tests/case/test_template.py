@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""Case files that `new` writes, and the page of keys: both are the schema's."""
+
+import runpy
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from cruciform_petsc.case.schema import AnyTest, Case, _models
+from cruciform_petsc.case.template import KINDS, new_case, write_new_case
+from cruciform_petsc.cli import main
+from cruciform_petsc.errors import InputError
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
+
+
+def test_every_kind_has_a_template():
+    """A kind added to the schema is missed here."""
+    kinds = {model.model_fields["kind"].annotation.__args__[0] for model in _models(AnyTest)}
+    assert set(KINDS) == kinds
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_new_case_checks(kind, tmp_path, capfd):
+    """What is written is a good case of its kind, network and edges included."""
+    path = tmp_path / "new.toml"
+    assert main(["new", kind, str(path)]) == 0
+    assert Case.load(path).test.kind == kind
+    assert main(["check", str(path)]) == 0
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_suggestions_are_right(kind):
+    """Each key that stands in a comment can be taken in, where no other one excludes it."""
+    excluded = {"load": "extension", "warp": "use", "weft": "use"}
+    lines = new_case(kind).splitlines()
+    tried = 0
+    for i, line in enumerate(lines):
+        key, equals, _ = line.removeprefix("# ").partition(" = ")
+        if not line.startswith("# ") or not equals or not key.isidentifier() or key in excluded:
+            continue
+        text = "\n".join([*lines[:i], line.removeprefix("# "), *lines[i + 1 :]])
+        Case.from_data(tomllib.loads(text))._check_together()
+        tried += 1
+    assert tried >= 8
+
+
+def test_all_keys_are_there():
+    """No key of the schema is left out."""
+    text = new_case("bias-extension")
+    for name, field in Case.model_fields.items():
+        for model in _models(field.annotation)[:1]:  # bias extension is the first kind of test
+            for key in model.model_fields:
+                assert f"\n{key} = " in text or f"\n# {key} = " in text, (name, key)
+
+
+def test_new_prints(capfd):
+    """Without a file the case goes to the screen, ready for a pipe."""
+    assert main(["new", "biaxial"]) == 0
+    assert capfd.readouterr().out == new_case("biaxial")
+
+
+def test_results_go_by_the_name_of_the_file(tmp_path):
+    """Two cases of a kind do not share a folder, and none is a demo's."""
+    for file, folder in (("strip.toml", "strip"), ("my strip, 2.toml", "my_strip_2")):
+        write_new_case("biaxial", tmp_path / file)
+        assert Case.load(tmp_path / file).output.directory == f"results/{folder}"
+    demos = Path(__file__).parents[2] / "demos"
+    taken = {Case.load(path).output.directory for path in demos.glob("*.toml")}
+    assert not taken & {tomllib.loads(new_case(kind))["output"]["directory"] for kind in KINDS}
+
+
+def test_new_refuses(tmp_path, capfd):
+    """A file that is there stays as it is; unknown kinds and folders are one sentence each."""
+    path = tmp_path / "mine.toml"
+    path.write_text("mine")
+    assert main(["new", "biaxial", str(path)]) == 2
+    assert path.read_text() == "mine"
+    assert capfd.readouterr().err == (
+        f'cruciform-petsc: "{path}" is there already, name another file\n'
+    )
+    with pytest.raises(InputError, match='no kind of test "biaxal" .did you mean "biaxial"'):
+        new_case("biaxal")
+    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+        write_new_case("biaxial", tmp_path / "no" / "case.toml")
+    with pytest.raises(InputError, match="cannot be written: embedded null byte"):
+        write_new_case("biaxial", "a\0b")
+
+
+def test_page_is_fresh():
+    """docs/case-file.md is what the schema says: else run scripts/case_keys.py."""
+    script = runpy.run_path(str(SCRIPT))
+    assert script["PAGE"].read_text(encoding="utf-8") == script["page"]()
+
+
+def test_every_key_is_described():
+    """The page has no empty cell."""
+    page = runpy.run_path(str(SCRIPT))["page"]()
+    assert "|  |" not in page
+    assert page.count("\n| `") > 50

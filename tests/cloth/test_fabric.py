@@ -1,0 +1,485 @@
+# SPDX-License-Identifier: MIT
+"""The cloth: constitutive numbers, checks, library."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cruciform_petsc.cloth.fabric import Fabric, YarnFamily, fabric_names
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.laws import linear, odd_polynomial, sin_powers, table
+
+UNEQUAL = Fabric(
+    "unequal",
+    warp=YarnFamily(52000.0, 0.45, 240.0, 0.6e-6),
+    weft=YarnFamily(13000.0, 0.1125, 190.0, 0.2e-6),
+    shear_modulus=96.0,
+)
+
+
+def compliance(fabric):
+    """Compliance of the paper's [1], (3, 3): warp, weft, shear."""
+    e_w, e_e = fabric.warp.modulus, fabric.weft.modulus
+    return np.array(
+        [
+            [1 / e_w, -fabric.weft.poisson / e_e, 0],
+            [-fabric.warp.poisson / e_w, 1 / e_e, 0],
+            [0, 0, 1 / fabric.shear_modulus],
+        ]
+    )
+
+
+def test_table_1():
+    """The library has the paper's fabric with the paper's values, in SI."""
+    fabric = Fabric.from_library("e-glass-plain-2.4")
+    for family in (fabric.warp, fabric.weft):
+        assert family.modulus == pytest.approx(52000.0, rel=1e-14)
+        assert family.poisson == 0.45
+        assert family.yarns == pytest.approx(240.0, rel=1e-14)
+        assert family.yarn_bending == pytest.approx(0.6e-6, rel=1e-14)
+    assert fabric.shear_modulus == pytest.approx(96.0, rel=1e-14)
+    assert "Table 1" in fabric.source
+
+
+def test_every_fabric_of_the_library_loads_and_has_a_source():
+    """A fabric without a source does not belong there."""
+    assert fabric_names() == [
+        "e-glass-plain-2.4",
+        "pantographic-sheet-2016",
+        "glass-pp-plain-1.93",
+    ]
+    for name in fabric_names():
+        assert Fabric.from_library(name).source
+
+
+def test_stiffness_inverts_the_compliance():
+    """C11, C22, C12 are [1] inverted, with different families, and C is symmetric."""
+    stiffness = np.linalg.inv(compliance(UNEQUAL))
+    assert pytest.approx(stiffness[0, 0], rel=1e-13) == UNEQUAL.c11
+    assert pytest.approx(stiffness[1, 1], rel=1e-13) == UNEQUAL.c22
+    assert pytest.approx(stiffness[0, 1], rel=1e-13) == UNEQUAL.c12
+    assert UNEQUAL.warp.poisson * UNEQUAL.c22 == pytest.approx(UNEQUAL.c12, rel=1e-13)
+
+
+def test_free_sides_give_the_modulus_back():
+    """Pulled along the warp with free sides the cloth shows E_w; as printed in [2] it would not."""
+    eps = np.array([1.0, -UNEQUAL.c12 / UNEQUAL.c22])
+    stress = UNEQUAL.c11 * eps[0] + UNEQUAL.c12 * eps[1]
+    assert stress == pytest.approx(UNEQUAL.warp.modulus, rel=1e-13)
+    printed = UNEQUAL.warp.modulus * eps[0] + UNEQUAL.c12 * eps[1]
+    assert abs(printed / UNEQUAL.warp.modulus - 1.0) > 0.05
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60, 75, 90, 130, -20])
+def test_off_axis_modulus(degrees):
+    """Kilby's closed form is the compliance of [1] turned by the angle."""
+    t = np.radians(degrees)
+    c, s = np.cos(t), np.sin(t)
+    to_yarns = np.array([c * c, s * s, -s * c])  # unit stress along t, in warp, weft, shear
+    expected = 1.0 / (to_yarns @ compliance(UNEQUAL) @ to_yarns)
+    assert UNEQUAL.off_axis_modulus(t) == pytest.approx(expected, rel=1e-12)
+
+
+def test_off_axis_modulus_of_an_array():
+    """Arrays of angles go through at once; along the yarns it is E."""
+    values = UNEQUAL.off_axis_modulus(np.array([0.0, np.pi / 2]))
+    assert values == pytest.approx([52000.0, 13000.0], rel=1e-12)
+
+
+def test_spacing():
+    """Spacing is the inverse of the count, by family."""
+    assert (UNEQUAL.warp.spacing, UNEQUAL.weft.spacing) == (1 / 240.0, 1 / 190.0)
+
+
+def test_reciprocity():
+    """The message says which nu_e would be right, and that one is accepted."""
+    with pytest.raises(InputError) as caught:
+        replace(UNEQUAL, weft=replace(UNEQUAL.weft, poisson=0.45))
+    assert str(caught.value) == (
+        "fabric.weft.poisson = 0.45 breaks reciprocity (nu_weft E_warp must equal "
+        "nu_warp E_weft), with the other values it would have to be 0.1125"
+    )
+    replace(UNEQUAL, weft=replace(UNEQUAL.weft, poisson=0.1125 * (1 + 0.9e-6)))
+    with pytest.raises(InputError, match="reciprocity"):
+        replace(UNEQUAL, weft=replace(UNEQUAL.weft, poisson=0.1125 * (1 + 1.1e-6)))
+
+
+def test_zero_and_negative_poisson_are_admissible():
+    """Only the product counts: without coupling, or widening when pulled, a cloth has an energy."""
+    for nu in (0.0, -0.3):
+        fabric = Fabric("f", YarnFamily(1e4, nu, 200.0), YarnFamily(1e4, nu, 200.0), 50.0)
+        assert np.linalg.eigvalsh(compliance(fabric)).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("family", "change", "message"),
+    [
+        (
+            "warp",
+            {"modulus": -1e4},
+            "fabric.warp.modulus must be positive and finite, got -100 N/cm",
+        ),
+        ("weft", {"modulus": 0.0}, "fabric.weft.modulus must be positive and finite, got 0 N/cm"),
+        ("weft", {"yarns": 0.0}, "fabric.weft.yarns must be positive and finite, got 0 /cm"),
+        ("warp", {"yarns": np.inf}, "fabric.warp.yarns must be positive and finite, got inf /cm"),
+        (
+            "weft",
+            {"yarn_bending": -1e-6},
+            "fabric.weft.yarn_bending must be zero or positive and finite, got -1 N mm^2",
+        ),
+        ("warp", {"poisson": np.nan}, "fabric.warp.poisson must be finite, got nan"),
+    ],
+)
+def test_bad_families(family, change, message):
+    """Signs and finiteness, each with its key and a unit."""
+    with pytest.raises(InputError) as caught:
+        replace(UNEQUAL, **{family: replace(getattr(UNEQUAL, family), **change)})
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize("modulus", [0.0, -96.0, np.nan])
+def test_bad_shear_modulus(modulus):
+    """G is positive."""
+    with pytest.raises(InputError, match=r"^fabric\.shear\.modulus must be positive and finite"):
+        replace(UNEQUAL, shear_modulus=modulus)
+
+
+@pytest.mark.parametrize("nu", [1.0, -1.2])
+def test_product_of_poisson_ratios(nu):
+    """nu_w nu_e = 1 is already too much."""
+    with pytest.raises(InputError, match="times fabric.weft.poisson must be less than 1, got 1"):
+        Fabric("f", YarnFamily(1e4, nu, 200.0), YarnFamily(1e4, nu, 200.0), 50.0)
+
+
+def test_unknown_name():
+    """The closest and all known names are told."""
+    with pytest.raises(InputError) as caught:
+        Fabric.from_library("eglass-plain")
+    assert str(caught.value).startswith(
+        'there is no fabric "eglass-plain" in the library (did you mean "e-glass-plain-2.4"? '
+        'known: "e-glass-plain-2.4"'
+    )
+
+
+def test_from_table_names_the_key():
+    """What is missing or wrong in a table is told with its place."""
+    family = {"modulus": "520 N/cm", "poisson": 0.45, "yarns": "2.4 /cm"}
+    table = {"warp": family, "weft": family, "shear": {"modulus": "0.96 N/cm"}}
+    assert Fabric.from_table("f", table).warp.yarn_bending == 0.0
+    for change, message in [
+        ({"shear": {}}, "fabric.shear needs modulus or law"),
+        ({"weft": None}, "fabric.weft.modulus is missing"),
+        ({"warp": family | {"poisson": "0.4"}}, "fabric.warp.poisson must be a number, got '0.4'"),
+        ({"warp": family | {"yarns": 2}}, "fabric.warp.yarns is the bare number 2, give"),
+    ]:
+        with pytest.raises(InputError) as caught:
+            Fabric.from_table("f", table | change)
+        assert str(caught.value).startswith(message)
+
+
+def test_repr():
+    """Name and main numbers with units."""
+    assert repr(UNEQUAL) == (
+        'Fabric("unequal", warp (520 N/cm, nu 0.45, 2.4 /cm, yarn 0.6 N mm^2), '
+        "weft (130 N/cm, nu 0.1125, 1.9 /cm, yarn 0.2 N mm^2), shear 0.96 N/cm)"
+    )
+    assert repr(UNEQUAL.with_shear_law(sin_powers([48.0]))).endswith(
+        "shear 0.96 N/cm at rest by a sin-potential)"
+    )
+    table = Fabric.from_library("e-glass-plain-2.4", {"shear": SHEAR_TABLE})
+    angles = [point[0] for point in SHEAR_TABLE["points"] if point[0]]
+    assert repr(table).endswith(f"by a table of {len(angles)} points up to {angles[-1]:g} deg)")
+
+
+def test_pantographic_sheet():
+    """Published values are per area: a beam's rigidity is that times the beams' distance."""
+    fabric = Fabric.from_library("pantographic-sheet-2016")
+    for family in (fabric.warp, fabric.weft):
+        assert family.modulus == pytest.approx(1.34e5, rel=1e-14)
+        assert family.spacing == pytest.approx(4.8e-3, rel=1e-14)
+        assert family.yarn_bending * family.yarns == pytest.approx(1.92e-2, rel=1e-14)
+    assert fabric.shear_modulus == pytest.approx(159.0, rel=1e-14)
+
+
+def test_glass_pp_says_what_is_assumed():
+    """Values that nobody published are marked as such."""
+    fabric = Fabric.from_library("glass-pp-plain-1.93")
+    assert fabric.warp.yarns == pytest.approx(193.0, rel=1e-14)
+    assert fabric.warp.poisson == fabric.weft.poisson == 0.0
+    assert fabric.compression == 0.01
+    assert "assumed" in fabric.source
+
+
+# What case files write, reduced to the least.
+FAMILY = {"modulus": "400 N/mm", "poisson": 0, "yarns": "2 /cm"}
+PLAIN = {"warp": FAMILY, "weft": FAMILY, "shear": {"modulus": "0.1 N/mm"}}
+SHEAR_TABLE = {
+    "law": "table",
+    "angle": "deg",
+    "force": "N/mm",
+    "points": [[0, 0], [10, 0.01], [40, 0.2]],
+}
+TENSION_TABLE = {"law": "table", "strain": "%", "force": "N/cm", "points": [[0.5, 10], [1, 50]]}
+
+
+def test_without_laws_everything_is_linear():
+    """The laws of a cloth without laws are its moduli: C11, C22 and G."""
+    assert UNEQUAL.warp_tension == linear(UNEQUAL.c11)
+    assert UNEQUAL.weft_tension == linear(UNEQUAL.c22)
+    assert UNEQUAL.shear == linear(96.0)
+    assert (UNEQUAL.log_strain, UNEQUAL.compression, UNEQUAL.compression_width) == (False, 1, 1e-4)
+    plain = Fabric.from_table("f", PLAIN)
+    assert (plain.shear_law, plain.warp_law, plain.weft_law) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("shear", "law"),
+    [
+        (SHEAR_TABLE, table(np.radians([0, 10, 40]), [0.0, 10.0, 200.0])),
+        (
+            {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.3 N/mm"]},
+            odd_polynomial([100.0, 300.0]),
+        ),
+        (
+            {
+                "law": "sin-potential",
+                "coefficients": ["0.0185 N/mm", "0.0464 N/mm", "-0.0213 N/mm"],
+            },
+            sin_powers([18.5, 46.4, -21.3]),
+        ),
+    ],
+)
+def test_shear_laws_from_a_table(shear, law):
+    """Units of columns and coefficients; the modulus is the slope at rest."""
+    fabric = Fabric.from_table("f", PLAIN | {"shear": shear})
+    x = np.linspace(-1.2, 1.2, 25)
+    assert np.allclose(fabric.shear.evaluate(x), law.evaluate(x), rtol=1e-12)
+    assert fabric.shear_modulus == fabric.shear.stiffness0
+    assert fabric.shear_modulus == pytest.approx(law.stiffness0, rel=1e-12)
+
+
+def test_tension_law_from_a_table():
+    """It stands for the modulus of its family only."""
+    warp = {"tension": TENSION_TABLE, "poisson": 0, "yarns": "2 /cm"}
+    fabric = Fabric.from_table("f", PLAIN | {"warp": warp})
+    force = fabric.warp_tension.evaluate([0.005, 0.01])[1]
+    assert force == pytest.approx([1000.0, 5000.0], rel=1e-12)
+    assert fabric.warp.modulus == pytest.approx(1000.0 / 0.005, rel=1e-12) == fabric.c11
+    assert fabric.weft_tension == linear(4e5)
+    assert fabric.weft_law is None
+
+
+def test_tension_options():
+    """Kind of strain and compression."""
+    options = {"strain": "log", "compression": 0.01, "compression_width": 1e-3}
+    fabric = Fabric.from_table("f", PLAIN | {"tension": options})
+    assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (True, 0.01, 1e-3)
+    strain = fabric.effective_strain(np.array([1.1, 0.9]))[0]
+    assert strain[0] == pytest.approx(np.log(1.1), rel=1e-14)
+    # Well below the width the energy is that of 1 % of the stiffness and a constant buckling force.
+    s = np.log(0.9)
+    assert strain[1] == pytest.approx(-np.sqrt(0.01 * s**2 - 2 * 0.99 * 1e-3 * (s + 1e-3)))
+    fabric = Fabric.from_table("f", PLAIN | {"tension": {"strain": "engineering"}})
+    assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (False, 1, 1e-4)
+
+
+def test_changes_to_a_fabric_of_the_library():
+    """Shear and tension are replaced, the rest stays."""
+    name = "glass-pp-plain-1.93"
+    fabric = Fabric.from_library(name, {"shear": SHEAR_TABLE, "tension": {"strain": "log"}})
+    assert fabric.name == f"{name}, shear and tension replaced"
+    assert fabric.warp == Fabric.from_library(name).warp
+    assert fabric.shear.name == "table"
+    assert (fabric.log_strain, fabric.compression) == (True, 1.0)
+    assert Fabric.from_library(name).shear != fabric.shear
+
+
+def test_masses_and_thickness():
+    """For exports only: a layer of 0.3 mm of glass in 0.75 mm of cloth."""
+    data = {"areal_density": "750 g/m^2", "thickness": "0.75 mm", "fibre_density": "2.5 g/cm^3"}
+    fabric = Fabric.from_table("f", PLAIN | data)
+    values = (fabric.areal_density, fabric.thickness, fabric.fibre_density)
+    assert values == pytest.approx((0.75, 0.75e-3, 2500.0), rel=1e-14)
+    assert fabric.fibre_volume_fraction == pytest.approx(0.4, rel=1e-14)
+    for name in data:
+        assert replace(fabric, **{name: None}).fibre_volume_fraction is None
+    assert Fabric.from_table("f", PLAIN).areal_density is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"areal_density": 576}, "fabric.areal_density is the bare number 576, give it a unit"),
+        ({"fibre_density": "2.5 g/cm^2"}, 'fabric.fibre_density = "2.5 g/cm^2" has the unit'),
+        ({"thickness": "0 mm"}, "fabric.thickness must be positive and finite, got 0 mm"),
+        ({"areal_density": "-1 g/m^2"}, "fabric.areal_density must be positive and finite, got -1"),
+        (
+            {"areal_density": "750 g/m^2", "thickness": "0.2 mm", "fibre_density": "2.5 g/cm^3"},
+            "fabric.areal_density over fabric.fibre_density is a layer of 0.3 mm without any gaps, "
+            "which is more than fabric.thickness = 0.2 mm",
+        ),
+    ],
+)
+def test_masses_that_cannot_be(changes, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        Fabric.from_table("f", PLAIN | changes)
+
+
+def test_with_shear_law():
+    """A calibrator's way: modulus and law stay together."""
+    law = table([0.1, 0.5], [3.0, 30.0])
+    fabric = UNEQUAL.with_shear_law(law)
+    assert fabric.shear is law
+    assert fabric.shear_modulus == law.stiffness0
+    assert replace(fabric, shear_law=None, shear_modulus=96.0) == UNEQUAL
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"shear_law": linear(95.0)},
+            "fabric.shear_modulus must be the slope of its law at zero, 0.95 N/cm, got 0.96 N/cm",
+        ),
+        (
+            {"shear_law": odd_polynomial([-1.0, 5.0])},
+            "fabric.shear is a law whose slope at zero must be positive and finite, got -0.01 N/cm",
+        ),
+        (
+            {"warp_law": linear(UNEQUAL.warp.modulus)},
+            "fabric.warp.tension is a law, which needs fabric.warp.poisson = 0, got 0.45",
+        ),
+        (
+            {"weft_law": linear(1.0)},
+            "fabric.weft.modulus must be the slope of its law at zero, 0.01 N/cm, got 130 N/cm",
+        ),
+        ({"compression": 0.0}, "fabric.tension.compression must be above 0 and at most 1, got 0"),
+        ({"compression": 2.0}, "fabric.tension.compression must be above 0 and at most 1, got 2"),
+        (
+            {"compression": np.nan},
+            "fabric.tension.compression must be above 0 and at most 1, got nan",
+        ),
+        (
+            {"compression_width": 0.0},
+            "fabric.tension.compression_width must be positive and finite, got 0",
+        ),
+    ],
+)
+def test_bad_laws(change, message):
+    """Laws and moduli that contradict each other."""
+    with pytest.raises(InputError) as caught:
+        replace(UNEQUAL, **change)
+    assert str(caught.value) == message
+
+
+def without(mapping, key):
+    return {name: value for name, value in mapping.items() if name != key}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"shear": SHEAR_TABLE | {"modulus": "1 N/cm"}},
+            "fabric.shear needs either modulus or law, not both",
+        ),
+        (
+            {"shear": {"modulus": "1 N/cm", "points": [[1, 2]]}},
+            "fabric.shear takes modulus without law, not points",
+        ),
+        (
+            {"shear": {"law": "spline"}},
+            'fabric.shear.law must be "table", "polynomial" or "sin-potential", got \'spline\'',
+        ),
+        ({"shear": without(SHEAR_TABLE, "angle")}, "fabric.shear.angle is missing"),
+        (
+            {"shear": {"law": "polynomial", "coefficients": ["1 N/m"], "angle": "deg"}},
+            'fabric.shear takes law, coefficients with law = "polynomial", not angle',
+        ),
+        (
+            {"shear": {"law": "polynomial", "coefficients": ["1 N"]}},
+            'fabric.shear.coefficients[0] = "1 N" has the unit "N", which is not that of a force '
+            'per width like "520 N/cm"',
+        ),
+        (
+            {"shear": {"law": "sin-potential", "coefficients": ["-1 N/cm"]}},
+            "fabric.shear is a law whose slope at zero must be positive and finite, got -2 N/cm",
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"points": [[10, 0], [20, 1]]}},
+            "fabric.shear is a law whose slope at zero must be positive and finite, got 0 N/cm",
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"force": "N"}},
+            'fabric.shear.force = "N" has the unit "N", which is not that of a force per width '
+            'like "N/cm"',
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"angle": "rad"}},
+            'fabric.shear.points go up to 2291.83 deg, is angle = "deg" meant?',
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"points": [[10, 1], [5, 2]]}},
+            "fabric.shear.points: a law's table needs ascending, positive values in its first "
+            "column",
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"points": [[10, 1], [5]]}},
+            "fabric.shear.points[1] must be a pair like [10, 0.01], got [5]",
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"points": [["10 deg", 1]]}},
+            "fabric.shear.points[0][0] must be a number, got '10 deg'",
+        ),
+        (
+            {"shear": SHEAR_TABLE | {"points": 3}},
+            "fabric.shear.points must be a list like [[0, 0], [10, 0.01]], got 3",
+        ),
+        ({"shear": 3}, "fabric.shear must be a table, got 3"),
+        (
+            {"warp": FAMILY | {"tension": TENSION_TABLE}},
+            "fabric.warp needs either modulus or tension, not both",
+        ),
+        (
+            {"warp": without(FAMILY, "modulus") | {"tension": TENSION_TABLE, "poisson": 0.3}},
+            "fabric.warp.tension is a law, which needs fabric.warp.poisson = 0, got 0.3",
+        ),
+        (
+            {"weft": without(FAMILY, "modulus") | {"tension": TENSION_TABLE | {"strain": "1"}}},
+            None,
+        ),
+        (
+            {
+                "weft": without(FAMILY, "modulus")
+                | {"tension": TENSION_TABLE | {"strain": "1", "points": [[2, 9]]}}
+            },
+            'fabric.weft.tension.points go up to 200 %, is strain = "%" meant?',
+        ),
+        (
+            {"weft": without(FAMILY, "modulus") | {"tension": without(TENSION_TABLE, "law")}},
+            "fabric.weft.tension.law is missing",
+        ),
+        (
+            {"tension": {"strain": "true"}},
+            'fabric.tension.strain must be "engineering" or "log", got \'true\'',
+        ),
+        (
+            {"tension": {"compression": "1 %"}},
+            "fabric.tension.compression must be a number, got '1 %'",
+        ),
+        (
+            {"tension": {"compresion": 0.1}},
+            "fabric.tension takes strain, compression, compression_width, not compresion",
+        ),
+    ],
+)
+def test_bad_laws_in_a_table(change, message):
+    """Each mistake is one sentence with its place; None: no mistake."""
+    if message is None:
+        Fabric.from_table("f", PLAIN | change)
+        return
+    with pytest.raises(InputError) as caught:
+        Fabric.from_table("f", PLAIN | change)
+    assert str(caught.value) == message
