@@ -15,7 +15,7 @@ from typing import Annotated, Any, get_args, get_origin
 from pydantic import BaseModel, PlainValidator
 from pydantic.fields import FieldInfo
 
-from cruciform_petsc import case
+from cruciform_petsc.case import schema as case
 from cruciform_petsc.case.template import choices, own_keys_first, toml_value
 from cruciform_petsc.units import describe
 

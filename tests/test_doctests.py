@@ -8,7 +8,8 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    "name", ["units", "fabric", "preform", "potential", "template", "calibration.bending"]
+    "name",
+    ["units", "cloth.fabric", "cloth.preform", "laws", "case.template", "calibration.bending"],
 )
 def test_examples(name):
     """Each module's examples run, and there are some."""

@@ -130,6 +130,14 @@ class Network:
     def _to_xy(self, lattice: np.ndarray) -> np.ndarray:
         return (lattice * self.pitch) @ self.preform.rotation + self.preform.lattice_origin
 
+    def to_yarn(self, vectors: np.ndarray) -> np.ndarray:
+        """Components in x, y (..., 2) -> along warp and weft at rest."""
+        return vectors @ self.preform.rotation.T
+
+    def to_lab(self, vectors: np.ndarray) -> np.ndarray:
+        """Components along warp and weft at rest (..., 2) -> in x, y."""
+        return vectors @ self.preform.rotation
+
     def has_crossover(self, ij: np.ndarray) -> np.ndarray:
         """Whether lattice points (..., 2) are crossovers of the network, on whichever rank."""
         return self.warp_yarns.find(ij[..., 1], ij[..., 0]) >= 0
