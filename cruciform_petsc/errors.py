@@ -38,3 +38,20 @@ def shown(value: object, most: int = 80) -> str:
         return cut(repr(value), most)
     except ValueError:  # Python does not write whole numbers of thousands of digits
         return "a number of thousands of digits"
+
+
+class EquilibriumError(SolverError):
+    """No equilibrium was found.
+
+    Attributes
+    ----------
+    place : float (dim,) or None
+        Where the forces are farthest from balance, at rest, m.
+    result : TestResult or None
+        What an experiment had reached.
+    """
+
+    def __init__(self, message, reason, history, place=None):
+        super().__init__(message, reason, history)
+        self.place = place
+        self.result: Any = None

@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: MIT
+"""The sum of items on distributed nodes: energies, forces and stiffness of a state.
+
+Positions and forces are in the lab frame. The unknowns of a node are its displacements along the
+rows of its frame (warp, weft; along a guide, across it), which is what matrices are written in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numba
+import numpy as np
+from petsc4py import PETSc
+
+from ..elements.level import ENERGY, FORCE, STIFFNESS
+from ..errors import InputError
+from ..items.item import Item
+from ..net.nodes import Nodes
+from ..solvers.linear import Hierarchy
+from ..solvers.pattern import BlockPattern
+from .state import Hold, State
+
+
+class Model:
+    """Items on nodes. Collective.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        With ``rest`` (n_local, dim) and ``frame`` (n_local, dim, dim).
+    items : sequence of Item
+    active : bool (n_local,), optional
+        Nodes that carry something; by default all.
+    stiffness_scale : float
+        Of the size of the largest diagonal entries, N/m: for idle entries, and for rounding.
+    extent : float, optional
+        Size of the body, m; by default that of its rest.
+    multigrid : callable, optional
+        Gives the hierarchy of a multigrid for a tangent.
+    """
+
+    def __init__(
+        self,
+        nodes: Nodes,
+        items: Sequence[Item],
+        active: np.ndarray | None = None,
+        stiffness_scale: float = 1.0,
+        extent: float | None = None,
+        multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
+    ):
+        self.nodes, self.items, self.comm = nodes, list(items), nodes.comm
+        self.dim = nodes.rest.shape[1]
+        self.active = np.ones(nodes.num_nodes_local, bool) if active is None else active
+        self.stiffness_scale, self.multigrid = stiffness_scale, multigrid
+        self.extent = extent
+        if extent is None:
+            ends = [
+                nodes.rest.min(axis=0, initial=np.inf),
+                -nodes.rest.max(axis=0, initial=-np.inf),
+            ]
+            low, high = np.min(self.comm.allgather(ends), axis=0)
+            self.extent = float((-high - low).max())
+        unknowns = self.dim * nodes.num_nodes_global
+        if unknowns > np.iinfo(PETSc.IntType).max:
+            raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")
+        self._pattern = pattern = BlockPattern(nodes, [i.nodes for i in self.items], self.dim)
+        # Local nodes of each block that elements of this rank add to.
+        size = len(pattern.empty_blocks())
+        self._block_row = np.zeros(size, np.int32)
+        self._block_column = np.zeros(size, np.int32)
+        own = np.arange(nodes.num_nodes_owned)
+        self._block_row[pattern.diagonal] = self._block_column[pattern.diagonal] = own
+        for item, slots in zip(self.items, pattern.slots, strict=True):
+            self._block_row[slots] = item.nodes[:, :, None]
+            self._block_column[slots] = item.nodes[:, None, :]
+        self._free: tuple[np.ndarray | None, np.ndarray] = (None, np.zeros(0, bool))
+
+    def __repr__(self) -> str:
+        names = ", ".join(item.name for item in self.items)
+        return f"Model({self.nodes.num_nodes_global} nodes in {self.dim}-D; {names})"
+
+    # -- energy, force, stiffness ---------------------------------------------------------------
+
+    def energies(self, state: State) -> dict[str, float]:
+        """Energies of all items by the names of their modes, J. Collective."""
+        total = {item.name: np.zeros(len(item.modes)) for item in self.items}
+        for item in self.items:
+            for rows in item.chunks():
+                total[item.name] += item.work(state, ENERGY, rows)[0].sum(axis=0)
+        return self._by_mode(total)
+
+    def _by_mode(self, totals: Mapping[str, np.ndarray]) -> dict[str, float]:
+        own = np.concatenate([totals[item.name] for item in self.items])
+        names = [mode for item in self.items for mode in item.modes]
+        return dict(zip(names, self.comm.allreduce(own).tolist(), strict=True))
+
+    def force(self, state: State) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+        """Gradient of the energy, the loads' part of it, (n_local, dim), and the energies by name.
+
+        Lab frame, N. Collective; complete on owned nodes, ghosts filled.
+        """
+        total = {}
+        force, loads = np.zeros_like(state.x), np.zeros_like(state.x)
+        for item in self.items:
+            total[item.name] = np.zeros(len(item.modes))
+            for rows in item.chunks():
+                energy, forces, _ = item.work(state, FORCE, rows)
+                total[item.name] += energy.sum(axis=0)
+                _add_forces(loads if item.is_load else force, item.nodes[rows], forces)
+        force, loads = self.nodes.halo.share(np.stack([force, loads], axis=1)).swapaxes(0, 1)
+        return force + loads, loads, self._by_mode(total)
+
+    def stiffness(
+        self, state: State, reuse: PETSc.Mat | None = None, before: np.ndarray | None = None
+    ) -> tuple[PETSc.Mat, np.ndarray]:
+        """Tangent matrix on the free unknowns, and the whole tangent for `times`. Collective.
+
+        Symmetric; unknowns that are not free have a diagonal entry only.
+
+        Parameters
+        ----------
+        state : State
+        reuse : PETSc.Mat, optional
+            A matrix made here before, of which only the values change.
+        before : float (n_local, dim), optional
+            Positions before the step that led to the state, see Item.work.
+
+        Returns
+        -------
+        PETSc.Mat
+            The caller destroys it.
+        blocks : float (m, dim, dim)
+        """
+        pattern = self._pattern
+        blocks = pattern.empty_blocks()
+        for item, slots in zip(self.items, pattern.slots, strict=True):
+            for rows in item.chunks():
+                _add_blocks(blocks, slots[rows], item.work(state, STIFFNESS, rows, before)[2])
+        free = self.free(state.hold)
+        own = np.empty_like(blocks)
+        _to_axes(blocks, self._block_row, self._block_column, self.nodes.frame, free, own)
+        idle = np.where(free[: self.nodes.num_nodes_owned], 0.0, self.stiffness_scale)
+        for axis in range(self.dim):
+            own[pattern.diagonal, axis, axis] += idle[:, axis]
+        matrix = pattern.matrix(own, reuse)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        return matrix, blocks
+
+    def times(self, blocks: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Whole tangent times changes of place (n_local, dim), lab frame. Collective.
+
+        Complete on owned nodes, ghosts filled.
+        """
+        product = np.zeros_like(values)
+        _multiply(blocks, self._block_row, self._block_column, values, product)
+        return self.nodes.halo.share(product)
+
+    def broken(self, state: State) -> tuple[np.ndarray, str, str] | None:
+        """What an item says against a state, see Item.broken. Collective."""
+        return next(filter(None, (item.broken(state) for item in self.items)), None)
+
+    def accepted(self, state: State) -> dict[str, Mapping[str, np.ndarray]]:
+        """What all items remember of an accepted state, by item."""
+        return {item.name: item.accepted(state) for item in self.items}
+
+    # -- unknowns -------------------------------------------------------------------------------
+
+    def free(self, hold: Hold) -> np.ndarray:
+        """Unknowns: neither prescribed nor of a node that carries nothing; bool (n_local, dim)."""
+        if self._free[0] is not hold.fixed:
+            free = np.tile(self.active[:, None], self.dim)
+            free[hold.nodes] &= ~hold.fixed
+            self._free = (hold.fixed, free)
+        return self._free[1]
+
+    def to_axes(self, vectors: np.ndarray) -> np.ndarray:
+        """Lab frame -> the nodes' axes; float (n, dim) of the first n local nodes."""
+        return np.einsum("nij,nj->ni", self.nodes.frame[: len(vectors)], vectors)
+
+    def from_axes(self, values: np.ndarray) -> np.ndarray:
+        """The nodes' axes -> lab frame; float (n, dim) of the first n local nodes."""
+        return np.einsum("nji,nj->ni", self.nodes.frame[: len(values)], values)
+
+    def local(self, vector: PETSc.Vec, hold: Hold) -> np.ndarray:
+        """Vector on owned unknowns -> lab frame, (n_local, dim), else zero. Collective."""
+        owned = self.nodes.num_nodes_owned
+        values = vector.getArray(readonly=True).reshape(-1, self.dim)
+        wide = np.zeros((self.nodes.num_nodes_local, self.dim))
+        wide[:owned] = self.from_axes(np.where(self.free(hold)[:owned], values, 0.0))
+        return self.nodes.halo.forward(wide)
+
+    def rigid_motions(self) -> np.ndarray:
+        """Translations and rotations of owned unknowns as columns, (n_owned dim, 3 or 6)."""
+        owned = self.nodes.num_nodes_owned
+        place = self.nodes.rest[:owned]
+        motions = [np.broadcast_to(axis, place.shape) for axis in np.eye(self.dim)]
+        for i, j in ((0, 1), (1, 2), (2, 0))[: 2 * self.dim - 3]:
+            turn = np.zeros_like(place)
+            turn[:, i], turn[:, j] = -place[:, j], place[:, i]
+            motions.append(turn)
+        return np.stack([self.to_axes(motion).ravel() for motion in motions], axis=1)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_forces(total, nodes, forces):
+    """Add element forces (m, k, dim) to nodes (m, k), in place."""
+    for n in range(nodes.shape[0]):
+        for p in range(nodes.shape[1]):
+            for i in range(forces.shape[2]):
+                total[nodes[n, p], i] += forces[n, p, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add_blocks(blocks, slots, matrices):
+    """Add element matrices (m, k, dim, k, dim) to node blocks, in place."""
+    for n in range(slots.shape[0]):
+        for p in range(slots.shape[1]):
+            for q in range(slots.shape[2]):
+                at = slots[n, p, q]
+                for i in range(matrices.shape[2]):
+                    for j in range(matrices.shape[4]):
+                        blocks[at, i, j] += matrices[n, p, i, q, j]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _to_axes(blocks, row, column, frame, free, result):
+    """Blocks in the lab frame -> in the axes of their nodes; nothing of what is not free."""
+    dim = blocks.shape[1]
+    half = np.zeros((dim, dim))
+    for b in range(len(row)):
+        r, c = row[b], column[b]
+        for i in range(dim):
+            for j in range(dim):
+                half[i, j] = 0.0
+                for k in range(dim):
+                    half[i, j] += blocks[b, i, k] * frame[c, j, k]
+        for i in range(dim):
+            for j in range(dim):
+                value = 0.0
+                if free[r, i] and free[c, j]:
+                    for k in range(dim):
+                        value += frame[r, i, k] * half[k, j]
+                result[b, i, j] = value
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _multiply(blocks, row, column, values, product):
+    """Add node blocks (m, dim, dim) times node values to ``product``, in place."""
+    for b in range(len(row)):
+        for i in range(blocks.shape[1]):
+            for j in range(blocks.shape[2]):
+                product[row[b], i] += blocks[b, i, j] * values[column[b], j]

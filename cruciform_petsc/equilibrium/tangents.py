@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""How Newton's linear systems are solved: directly, by the yarn multigrid, or as PETSc is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from petsc4py import PETSc
+
+from ..errors import SolverError
+from ..solvers.linear import (
+    DIRECT_LIMIT,
+    ITERATIVE,
+    YARN_MULTIGRID,
+    Hierarchy,
+    LinearSolver,
+    near_null_space,
+)
+from .model import Model
+
+# Cholesky of an indefinite matrix: LDL^T, whose negative pivots tell.
+DIRECT = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
+    "mat_mumps_icntl_14": 100,  # small systems on several ranks need more room than is foreseen
+}
+STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
+
+
+def tangent_settings(
+    model: Model, like: PETSc.Vec, options: Mapping[str, object] | None, prefix: str
+) -> tuple[dict[str, object], TangentMultigrid | None]:
+    """Options for SNES by size and by what the preconditioner is to be; and a multigrid for it.
+
+    ``like``: a vector of unknowns; ``options`` overrule the defaults, the database overrules all.
+    """
+    options = dict(options or {})
+    small = like.getSize() <= DIRECT_LIMIT or model.multigrid is None
+    default = str(options.get("pc_type", "cholesky" if small else "mg"))
+    kind = PETSc.Options(prefix).getString("pc_type", default)
+    settings: dict[str, object] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
+    if kind in ("cholesky", "lu"):
+        return {**settings, **DIRECT, **options}, None
+    if kind == "mg" and model.multigrid is not None:
+        settings |= YARN_MULTIGRID | {"ksp_rtol": STEP}
+        return {**settings, **options}, TangentMultigrid(model.multigrid, prefix)
+    return {**settings, **ITERATIVE, "ksp_rtol": STEP, **options}, None
+
+
+def prepare(
+    ksp: PETSc.KSP, matrix: PETSc.Mat, model: Model, multigrid: TangentMultigrid | None
+) -> None:
+    """Attach the multigrid, or tell GAMG the motions that cost next to nothing. Collective."""
+    pc = ksp.getPC()
+    if multigrid is not None:
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(multigrid)
+    elif pc.getType() == PETSc.PC.Type.GAMG:
+        space = near_null_space(model.rigid_motions(), model.comm)
+        matrix.setNearNullSpace(space)
+        space.destroy()
+    ksp.setErrorIfNotConverged(False)
+
+
+class TangentMultigrid:
+    """Preconditioner of type python: a cycle of the yarn multigrid, made anew for each tangent.
+
+    Levels are set up by what is in the options database then.
+
+    Attributes
+    ----------
+    error : SolverError or None
+        Why the last set-up failed; on its way through PETSc an exception may lose its words.
+    """
+
+    def __init__(self, make: Callable[[PETSc.Mat], Hierarchy], prefix: str):
+        self._make, self.prefix = make, prefix
+        self._solver: LinearSolver | None = None
+        self.error: SolverError | None = None
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Coarse levels and smoother for the matrix that the preconditioner has now."""
+        self.free()
+        matrix, _ = pc.getOperators()
+        self.error = None
+        try:
+            self._solver = LinearSolver(
+                matrix,
+                extra={"pc_type": "mg"},
+                prefix=self.prefix,
+                multigrid=self._make,
+            )
+        except SolverError as error:
+            self.error = error
+            raise
+
+    def apply(self, _pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """One cycle."""
+        assert self._solver is not None
+        self._solver.ksp.getPC().apply(x, y)
+
+    def free(self) -> None:
+        """Free the levels."""
+        if self._solver is not None:
+            self._solver.destroy()
+            self._solver = None
+
+    def destroy(self, _pc: PETSc.PC) -> None:
+        """Free the levels."""
+        self.free()

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: MIT
+"""What the unknowns of a ply at finite deformation are to the yarn multigrid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..items.ply import Ply
+from ..solvers.multigrid import Unknowns
+from ..solvers.yarns import YarnLines
+
+ASIDE = 2e-4  # pitches
+
+
+def unknowns_of(ply: Ply) -> Unknowns:
+    """Points, coarse fields and yarns of the unknowns of a Ply in its plane that this rank owns.
+
+    Coarse fields are displacements along warp and weft at rest (along the yarns as they run now
+    they took twice the iterations: translations were no longer among them) and, without yarn
+    bending, the chequerboard: crossovers that turn to and fro, their hinges at rest. Hinges lie on
+    two yarns.
+    """
+    network, nodes = ply.network, ply.nodes
+    owned = nodes.num_nodes_owned
+    origin = network.preform.lattice_origin
+    lattice = network.to_yarn(nodes.rest[:owned] - origin) / network.pitch
+    frame = network.to_yarn(nodes.frame[:owned])
+    hinge = (nodes.node_key[:owned] & 3) == 0
+    warp = (nodes.node_key[:owned] >> 62) == 0
+    values = np.zeros((owned, 2, 3))
+    values[:, :, :2] = frame
+    if not ply.bending:
+        sign = 1.0 - 2.0 * (np.floor(lattice + 1e-9).sum(axis=1) % 2)
+        length = 2 * abs(lattice - np.round(lattice)).max(axis=1) * network.pitch[1 - warp]
+        turned = np.where(hinge, 0.0, sign * length / network.pitch.mean())
+        across = np.where(warp[:, None], [0.0, 1.0], [-1.0, 0.0]) * turned[:, None]
+        values[:, :, 2] = np.einsum("nij,nj->ni", frame, across)
+    values[~(ply.active[:owned, None] & ~ply.fixed[:owned])] = 0.0
+    line = np.full((owned, 2), -1, np.int32)
+    low = network.partition.box[:, 0].min(axis=0)  # numbers of yarns from 0 up
+    number = np.round(lattice).astype(np.int32)
+    line[warp | hinge, 0] = number[warp | hinge, 1] - low[1]
+    line[~warp | hinge, 1] = number[~warp | hinge, 0] - low[0]
+    # Ends on the outline lie on the crossing yarn, too, at its crossover.
+    edge = network.boundary_crossovers
+    for arm in range(4):
+        ends = edge[~network.arm_is_shared[edge, arm]]
+        at = nodes.of_network_node[network.arm_node[ends, arm]]
+        mine = at < owned
+        line[at[mine]] = (network.crossover_ij[ends[mine]] - low)[:, ::-1]
+    # A hinge in the middle of a coarse cell is to call for one of its corners only: beside a clamp
+    # it may be the only one that does, and corners with nothing but it in common would be alike.
+    point = lattice + np.where(hinge, ASIDE, 0.0)[:, None]
+    return Unknowns(
+        np.repeat(point, 2, axis=0),
+        values.reshape(-1, 3),
+        np.zeros((2 * owned, 2)),
+        YarnLines(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
+    )
