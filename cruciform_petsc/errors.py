@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Errors that a user can act on: one sentence each, raised on every rank alike."""
 
+from typing import Any
+
 
 class CruciformError(Exception):
     """A problem that is told in one sentence, without a traceback; the program ends with 2."""
@@ -27,19 +29,6 @@ class SolverError(CruciformError):
         self.history = history or []
 
 
-def cut(text: str, most: int = 80) -> str:
-    """The beginning of a text that is too long for a message."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
-
-
-def shown(value: object, most: int = 80) -> str:
-    """What was given, for a message, or the beginning of it."""
-    try:
-        return cut(repr(value), most)
-    except ValueError:  # Python does not write whole numbers of thousands of digits
-        return "a number of thousands of digits"
-
-
 class EquilibriumError(SolverError):
     """No equilibrium was found.
 
@@ -55,3 +44,16 @@ class EquilibriumError(SolverError):
         super().__init__(message, reason, history)
         self.place = place
         self.result: Any = None
+
+
+def cut(text: str, most: int = 80) -> str:
+    """The beginning of a text that is too long for a message."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def shown(value: object, most: int = 80) -> str:
+    """What was given, for a message, or the beginning of it."""
+    try:
+        return cut(repr(value), most)
+    except ValueError:  # Python does not write whole numbers of thousands of digits
+        return "a number of thousands of digits"

@@ -34,8 +34,6 @@ class Model:
         Nodes that carry something; by default all.
     stiffness_scale : float
         Of the size of the largest diagonal entries, N/m: for idle entries, and for rounding.
-    extent : float, optional
-        Size of the body, m; by default that of its rest.
     multigrid : callable, optional
         Gives the hierarchy of a multigrid for a tangent.
     """
@@ -46,21 +44,15 @@ class Model:
         items: Sequence[Item],
         active: np.ndarray | None = None,
         stiffness_scale: float = 1.0,
-        extent: float | None = None,
         multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
     ):
         self.nodes, self.items, self.comm = nodes, list(items), nodes.comm
         self.dim = nodes.rest.shape[1]
         self.active = np.ones(nodes.num_nodes_local, bool) if active is None else active
         self.stiffness_scale, self.multigrid = stiffness_scale, multigrid
-        self.extent = extent
-        if extent is None:
-            ends = [
-                nodes.rest.min(axis=0, initial=np.inf),
-                -nodes.rest.max(axis=0, initial=-np.inf),
-            ]
-            low, high = np.min(self.comm.allgather(ends), axis=0)
-            self.extent = float((-high - low).max())
+        low, high = nodes.rest.min(axis=0, initial=np.inf), nodes.rest.max(axis=0, initial=-np.inf)
+        low = np.min(self.comm.allgather(low), axis=0)
+        self.extent = float((np.max(self.comm.allgather(high), axis=0) - low).max())
         unknowns = self.dim * nodes.num_nodes_global
         if unknowns > np.iinfo(PETSc.IntType).max:
             raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")

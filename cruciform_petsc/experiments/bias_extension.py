@@ -79,11 +79,11 @@ class BiasExtension(Experiment):
         low, high = self.network.preform.outline.bounds[1::2]
         return 0.02 * (high - low)
 
-    def solve(self, accepted=None, checkpoint=None) -> TestResult:
+    def solve(self, accepted=None, keeper=None) -> TestResult:
         """Solve and measure, see Experiment.solve. Collective."""
         if self.model == "separate":
             return self._solve_separately()
-        return super().solve(accepted, checkpoint)
+        return super().solve(accepted, keeper)
 
     def check(self) -> list[str]:
         """See Experiment.check; and how far the net reaches. Collective."""
@@ -152,6 +152,6 @@ class BiasExtension(Experiment):
         if extension == 0.0:
             raise InputError("no mode by itself lets the upper edge move; use model = 'coupled'")
         state = State(extension, load, total, moved)
-        result = self._in_proportion(state, linear, modes["shear"].solver)
+        result = self.in_proportion(state, linear, modes["shear"].solver)
         result.uncarried = {mode: solution.uncarried for mode, solution in modes.items()}
         return result

@@ -3,7 +3,7 @@
 
 An experiment says which edges are gripped and where they are for a *control*: an extension, an
 angle, a strain or a load. The same experiment is solved at small displacements (one linear system,
-everything else by proportion) or at finite deformation (increments, solvers.nonlinear).
+everything else by proportion) or at finite deformation (finite.py).
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..equilibrium.finite import FiniteNetwork
-from ..equilibrium.newton import Equilibrium, EquilibriumError, Increment, Path, follow
-from ..errors import CruciformError, InputError
+from ..equilibrium.stages import Increment
+from ..errors import EquilibriumError, InputError
 from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -27,18 +26,14 @@ from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..solvers.multigrid import yarn_multigrid
 from ..units import format_si, to_si
+from .finite import Keeper, solve_finite
 from .result import State, TestResult
-
-if TYPE_CHECKING:
-    from ..output.checkpoint import Checkpoint
 
 PULL = np.array([0.0, 1.0])
 # Bytes per crossover while a system is solved. Measured with CG at small displacements: 6400 and,
 # with yarns that bend, 9000; other ways take more. These are lower, so that nothing is refused that
 # another preconditioner might do.
 BYTES_HINGED, BYTES_BENDING = 4e3, 6e3
-MOST_TRIES = 40
-LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
 
 @dataclass
@@ -77,6 +72,11 @@ class Experiment:
         Finite deformation: at least so many steps to the largest value asked for.
     options : dict, optional
         PETSc options for the solver, without the prefix.
+    by_load : bool
+        Whether the values are loads, for which the controls are to be found.
+    out_of_plane : (float, float), optional
+        Rigidity of warp and weft for bending out of the plane, per width, N m. Finite deformation
+        is solved in space then, with z held.
     """
 
     kind = ""
@@ -97,6 +97,7 @@ class Experiment:
         increments: int | None = None,
         options: dict | None = None,
         by_load: bool = False,
+        out_of_plane: tuple[float, float] | None = None,
     ):
         if isinstance(values, np.ndarray):
             values = values.tolist()
@@ -117,6 +118,9 @@ class Experiment:
             raise InputError(f"increments must be 1 or more, a whole number, got {increments}")
         self.network, self.bending, self.finite = network, bending, finite
         self.increments, self.options = increments, options or {}
+        self.out_of_plane = out_of_plane
+        if out_of_plane is not None and not finite:
+            raise InputError("small displacements are in the plane: out_of_plane needs finite")
         check_memory(
             network.comm,
             (BYTES_BENDING if bending else BYTES_HINGED) * network.num_crossovers_global,
@@ -194,17 +198,17 @@ class Experiment:
     def solve(
         self,
         accepted: Callable[[Increment], None] | None = None,
-        checkpoint: Checkpoint | None = None,
+        keeper: Keeper | None = None,
     ) -> TestResult:
         """Solve and measure. Collective.
 
         Parameters
         ----------
         accepted : callable, optional
-            Finite deformation: told each accepted increment.
-        checkpoint : Checkpoint, optional
-            Finite deformation: kept up to date at every increment; if it was opened from files,
-            the test goes on from there.
+            Finite deformation: called with each accepted Increment.
+        keeper : Keeper, optional
+            Finite deformation: a checkpoint that is kept up to date at every increment; if it was
+            opened from files, the test goes on from there.
 
         Raises
         ------
@@ -212,17 +216,18 @@ class Experiment:
             On every rank if a solver fails. At finite deformation it is an EquilibriumError whose
             attribute ``result`` holds what was reached (or None).
         """
-        return self._solve_finite(accepted, checkpoint) if self.finite else self._solve_small()
+        return solve_finite(self, accepted, keeper) if self.finite else self._solve_small()
 
-    def _motions(self, grips: list[Grip], control: float):
+    def motions(self, grips: list[Grip], control: float) -> list:
+        """Motions of the gripped edges: (network nodes, gradient, shift), see Ply.prescribed."""
         return [(grip.nodes, *self.motion(grip.edge, control)) for grip in grips]
 
-    def _velocity(self, grips: list[Grip], control: float) -> np.ndarray:
+    def velocity(self, grips: list[Grip], control: float) -> np.ndarray:
         """Change of the gripped nodes' places per change of the control, (n network nodes, 2)."""
         step = 1e-6 * max(abs(control), abs(self.reference_control()))
         place = self.network.node_position
         velocity = np.zeros_like(place)
-        ahead, behind = (self._motions(grips, control + sign * step) for sign in (1, -1))
+        ahead, behind = (self.motions(grips, control + sign * step) for sign in (1, -1))
         for (nodes, gradient, shift), (_, old_gradient, old_shift) in zip(
             ahead, behind, strict=True
         ):
@@ -237,8 +242,8 @@ class Experiment:
         reference = self.reference_control()
         constraints = Constraints(network, self.bending)
         grips = self.grip(constraints)
-        velocity = self._velocity(grips, 0.0) * reference
-        yarn = np.einsum("nij,nj->ni", constraints.frame, velocity @ network.preform.rotation.T)
+        rate = self.velocity(grips, 0.0)
+        yarn = np.einsum("nij,nj->ni", constraints.frame, network.to_yarn(rate) * reference)
         fixed = constraints.fixed[:, :2]
         constraints.value[:, :2][fixed] = yarn[fixed]
         constraints.force *= self.load_factor(reference)
@@ -260,17 +265,17 @@ class Experiment:
         fields = linear.crossover_fields(local)
         state = State(reference, 0.0, fields, linear.node_displacement(local, fields))
         force = linear.element_forces(local)[:, :2]
-        force = np.einsum("nji,nj->ni", constraints.frame, force) @ network.preform.rotation
+        force = network.to_lab(np.einsum("nji,nj->ni", constraints.frame, force))
         # A load that is itself the control works on the nodes it acts on.
-        work = float((force[owned] * velocity[owned]).sum()) / reference
+        work = float((force[owned] * rate[owned]).sum())
         state.load = self.load_of(network.comm.allreduce(work), reference)
-        state.forces = self._edge_forces(grips, force)
+        state.forces = self.edge_forces(grips, force)
         solver.destroy()
         for thing in (matrix, rhs, x):
             thing.destroy()
-        return self._in_proportion(state, linear, info)
+        return self.in_proportion(state, linear, info)
 
-    def _in_proportion(self, state: State, linear: LinearNetwork, info: SolverInfo) -> TestResult:
+    def in_proportion(self, state: State, linear: LinearNetwork, info: SolverInfo) -> TestResult:
         """All values asked for from one state of small displacements."""
         per_control = state.load / state.control
         controls = self.values / per_control if self.by_load else self.values
@@ -280,7 +285,7 @@ class Experiment:
                 scaled.load = float(load)  # not to the last digit by proportion
         return TestResult(self, linear.supports, linear.unknowns_per_node, states, solver=info)
 
-    def _edge_forces(self, grips: list[Grip], force: np.ndarray) -> dict[str, np.ndarray]:
+    def edge_forces(self, grips: list[Grip], force: np.ndarray) -> dict[str, np.ndarray]:
         """Force (x, y) that holds each gripped edge. Collective."""
         owned, comm = self.network.num_nodes_owned, self.network.comm
         return {
@@ -288,182 +293,7 @@ class Experiment:
             for grip in grips
         }
 
-    # -- finite deformation -----------------------------------------------------------------------
-
-    def _solve_finite(
-        self, told: Callable[[Increment], None] | None, checkpoint: Checkpoint | None
-    ) -> TestResult:
-        constraints = Constraints(self.network, self.bending)
-        grips = self.grip(constraints)
-        model = FiniteNetwork(constraints)
-        equilibrium = Equilibrium(model, self.options)
-        states: list[State] = []
-        done: list[Increment] = []
-        last: list[State] = []  # whether asked for or not
-
-        def drive(control: float):
-            return self._motions(grips, control), self.load_factor(control)
-
-        path = Path(equilibrium, drive)
-        types = equilibrium.types()
-
-        def accepted(increment: Increment, x: np.ndarray) -> None:
-            state = self._state(model, equilibrium, grips, increment.control)
-            increment.load = state.load
-            increment.shear_max = model.shear_angle_max(x)
-            done.append(increment)
-            last[:] = [state]
-            if increment.asked:
-                states.append(state)
-            if checkpoint is not None:
-                checkpoint.write(model, path, done)
-            if told is not None:
-                told(increment)
-
-        def result() -> TestResult:
-            return TestResult(
-                self, model.supports, 2, states, increments=done,
-                unknowns=2 * model.nodes.num_nodes_global, solver_types=types,
-            )  # fmt: skip
-
-        try:
-            if checkpoint is not None:
-                kept = checkpoint.restore(model)
-                done += checkpoint.increments
-                for control, x in kept.asked:
-                    path.restore([(control, x)])
-                    states.append(self._state(model, equilibrium, grips, control))
-                path.restore(kept.states, kept.target, kept.allowed, kept.load)
-            if self.by_load:
-                self._follow_loads(path, grips, accepted)
-            else:
-                step = self.default_step()
-                if self.increments is not None:
-                    step = float(np.abs(self.values).max()) / self.increments
-                targets = [float(value) for value in self.values]
-                follow(equilibrium, drive, targets, step, accepted, path=path)
-        except CruciformError as error:
-            # Only these are raised on every rank alike, as destroying needs it.
-            equilibrium.destroy()
-            if isinstance(error, EquilibriumError):
-                self._explain(error, done)
-                if last and (not states or states[-1] is not last[0]):
-                    states.append(last[0])  # how far it came
-                error.result = result() if states else None
-            raise
-        equilibrium.destroy()
-        return result()
-
-    def _state(self, model, equilibrium, grips: list[Grip], control: float) -> State:
-        """Measure the accepted state. Collective."""
-        network = self.network
-        x = equilibrium.x.copy()
-        at = model.nodes.of_network_node
-        force = equilibrium.forces()[at] @ network.preform.rotation
-        velocity = self._velocity(grips, control)
-        mine = slice(0, network.num_nodes_owned)
-        work = network.comm.allreduce(float((force[mine] * velocity[mine]).sum()))
-        work += self._work_of_turning(model, x, grips, control)
-
-        def fields():
-            model.prescribe(x.copy(), self._motions(grips, control))  # as the clamps were then
-            return model.crossover_fields(x)
-
-        return State(
-            control,
-            self.load_of(work, control),
-            fields,
-            lambda: model.displacement(x)[1],
-            forces=self._edge_forces(grips, force),
-        )
-
-    def _work_of_turning(self, model, x, grips: list[Grip], control: float) -> float:
-        """Work per change of the control that clamps do on the directions they hold. Collective."""
-        now = self._motions(grips, control)
-        step = 1e-5 * max(abs(control), abs(self.reference_control()))
-        ahead, behind = (self._motions(grips, control + sign * step) for sign in (1, -1))
-        if all((a[1] == b[1]).all() for a, b in zip(ahead, behind, strict=True)):
-            return 0.0
-        energy = []
-        for motions in (ahead, behind):
-            model.prescribe(x.copy(), motions)
-            energy.append(model.energies(x).sum())
-        model.prescribe(x.copy(), now)
-        return float(energy[0] - energy[1]) / (2.0 * step)
-
-    def _follow_loads(self, path: Path, grips, accepted) -> None:
-        """Find the extensions of the loads asked for, by Newton's method on each. Collective."""
-        equilibrium, model = path.equilibrium, path.equilibrium.model
-        control, load = path.control, path.load
-        most = self.default_step() or self.reference_control()
-        while path.target < len(self.values):
-            target = float(self.values[path.target])
-            step_limit = abs(target - load) if self.increments is None else (
-                float(np.abs(self.values).max()) / self.increments
-            )  # fmt: skip
-            reached = False
-            while not reached:  # once at least: a load asked for twice is two states
-                gap = target - load
-                goal = target if abs(gap) <= step_limit * (1 + 1e-9) else (
-                    load + np.sign(gap) * step_limit
-                )  # fmt: skip
-                spent = Increment(control, np.zeros(3), 0, 0.0, 0.0, [])
-                ends: dict[bool, float] = {}  # last controls whose load is above and below
-                tries = 0
-                while True:
-                    ends[bool(load > goal)] = control
-                    slope, moved = self._load_slope(model, equilibrium, grips, control)
-                    wanted = (goal - load) / slope if slope > 0.0 else np.sign(goal - load) * most
-                    change = float(np.clip(wanted, -most, most))
-                    if len(ends) == 2:  # a load between two others lies between their controls
-                        low, high = sorted(ends.values())
-                        if not low < control + change < high:
-                            change = 0.5 * (low + high) - control
-                    increment = None
-                    while increment is None:
-                        try:
-                            guess = equilibrium.x + moved * change
-                            increment = path.advance(control + change, guess)
-                        except EquilibriumError:
-                            spent.cuts += 1
-                            change *= 0.5
-                            if abs(change) < 1e-4 * most:
-                                raise
-                    control += change
-                    for name in ("iterations", "linear_iterations", "shifted", "seconds", "cuts"):
-                        total = getattr(spent, name) + getattr(increment, name)
-                        setattr(spent, name, total)
-                        setattr(increment, name, total)
-                    load = self._state(model, equilibrium, grips, control).load
-                    if abs(load - goal) <= LOAD_TOLERANCE * np.abs(self.values).max():
-                        break
-                    if len(ends) == 1 and abs(change) < abs(wanted):  # a step on the way
-                        path.load = load
-                        accepted(increment, equilibrium.x)
-                        spent = Increment(control, np.zeros(3), 0, 0.0, 0.0, [])
-                        continue
-                    tries += 1
-                    if tries > MOST_TRIES:
-                        raise EquilibriumError(
-                            f"the load {format_si(goal, 'N')} is not reached", "MAX_IT", []
-                        )
-                load = path.load = float(goal)
-                reached = increment.asked = bool(goal == target)
-                path.target += int(reached)
-                accepted(increment, equilibrium.x)
-
-    def _load_slope(self, model, equilibrium, grips, control) -> tuple[float, np.ndarray]:
-        """Change of the load, and of all places, per change of the control. Collective."""
-        network, at = self.network, model.nodes.of_network_node
-        velocity = self._velocity(grips, control)
-        change = np.zeros_like(equilibrium.x)
-        change[at] = velocity @ network.preform.rotation.T
-        moved, force = equilibrium.tangent_step(model.nodes.halo.forward(change))
-        mine = slice(0, network.num_nodes_owned)
-        work = (force[at] @ network.preform.rotation)[mine] * velocity[mine]
-        return network.comm.allreduce(float(work.sum())), moved
-
-    def _explain(self, error: EquilibriumError, done: list[Increment]) -> None:
+    def explain(self, error: EquilibriumError, done: list[Increment]) -> None:
         """Say in the error at which load, why and where."""
         reached = "at rest"
         if done:

@@ -62,8 +62,8 @@ def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, 
         crossover[:, 1] = ply.crossover_of[following]
     if ply.dim == 3:
         hinge = ply.nodes.of_hinge[rows]
-        nodes += [*ply.crossing[family, hinge].T]
-        nodes += [*ply.crossing[family, hinge if following is None else following].T]
+        nodes += [*ply.nodes.crossing[family, hinge].T]
+        nodes += [*ply.nodes.crossing[family, hinge if following is None else following].T]
     return (
         np.column_stack(nodes),
         length,

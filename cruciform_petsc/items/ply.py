@@ -58,7 +58,7 @@ class Ply:
         self.dim = 2 if out_of_plane is None else 3
         self.out_of_plane = out_of_plane or (0.0, 0.0)
         self.supports: Supports = find_supports(constraints)
-        self.nodes = Nodes(self.network)
+        self.nodes = Nodes(self.network, in_space=self.dim == 3)
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()
@@ -108,18 +108,13 @@ class Ply:
         self.clamp_of[self.clamped] = np.arange(len(self.clamped))
 
     def _name_crossovers(self) -> None:
-        """Tables over local nodes: which hinge is whose, and what crosses there."""
+        """Tables over local nodes: which hinges carry, and whose they are."""
         network, nodes, hinge = self.network, self.nodes, self.nodes.of_hinge
         self.carries = np.zeros(nodes.num_nodes_local, bool)
         self.carries[hinge[self.supports.carrying]] = True
         nodes.halo.forward(self.carries)
         self.crossover_of = np.full(nodes.num_nodes_local, -1)
         self.crossover_of[hinge] = np.arange(network.num_crossovers_owned)
-        if self.dim == 3:
-            ends = nodes.of_network_node[network.arm_node]
-            self.crossing = np.full((2, nodes.num_nodes_local, 2), -1)
-            for family, arms in ((0, (3, 1)), (1, (2, 0))):
-                self.crossing[family, hinge] = ends[:, arms]
 
     # -- what is prescribed ---------------------------------------------------------------------
 

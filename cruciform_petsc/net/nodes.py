@@ -23,9 +23,18 @@ class Nodes(DistributedNodes):
     of_hinge : int (n_owned crossovers,)
     after_hinge : int (n_owned crossovers, 2)
         Hinge of the next crossover along the warp and along the weft yarn; -1 where none is joined.
+    crossing : int (2, n_local, 2)
+        At hinges: the ends of the yarn that crosses the warp, and the weft, there, in its
+        direction; -1 at other nodes. Next hinges that are ghosts have them in space only.
+
+    Parameters
+    ----------
+    network : Network
+    in_space : bool
+        Know the ends of yarns that cross at next hinges, on other ranks too.
     """
 
-    def __init__(self, network: Network):
+    def __init__(self, network: Network, in_space: bool = False):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         owned_nodes = network.num_nodes_owned
@@ -39,8 +48,28 @@ class Nodes(DistributedNodes):
             ghost_key.append(next_key[away, family])
             ghost_owner.append(network.partition.owner(there[away]))
         owned_key = np.union1d(network.node_key[:owned_nodes], hinge_key)
-        ghosts = np.concatenate(ghost_key), np.concatenate(ghost_owner)
-        super().__init__(network.comm, owned_key, *ghosts)
+        super().__init__(
+            network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
+        )
+        ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
+        if in_space:  # owners of the next hinges know what crosses there, and whose it is
+            owner = np.full(network.num_nodes_local, network.comm.rank, np.int64)
+            owner[owned_nodes:] = network.ghost_owner
+            known = np.full((self.num_nodes_local, 2, 2, 2), np.int64(-1))
+            hinge = self.find(hinge_key)
+            known[hinge] = np.stack([ends, owner[network.arm_node[:, [[3, 1], [2, 0]]]]], axis=-1)
+            more = self.halo.forward(known)[self.num_nodes_owned :].reshape(-1, 2)
+            more = more[(more[:, 0] >= 0) & (more[:, 1] != network.comm.rank)]
+            ghost_key, ghost_owner = [*ghost_key, more[:, 0]], [*ghost_owner, more[:, 1]]
+            super().__init__(
+                network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
+            )
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))
+        crossing = np.full((self.num_nodes_local, 2, 2), np.int64(-1))
+        crossing[self.of_hinge] = ends
+        if in_space:
+            self.halo.forward(crossing)
+        found = self.find(crossing)
+        self.crossing = np.where(crossing >= 0, found, -1).swapaxes(0, 1)

@@ -1,15 +1,45 @@
 # SPDX-License-Identifier: MIT
-"""What the unknowns of a ply at finite deformation are to the yarn multigrid."""
+"""A ply as a model: its items, what its edges hold, and its unknowns for the yarn multigrid."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
+from petsc4py import PETSc
 
 from ..items.ply import Ply
-from ..solvers.multigrid import Unknowns
-from ..solvers.yarns import YarnLines
+from ..solvers.linear import Hierarchy
+from ..solvers.multigrid import Unknowns, hierarchy
+from ..solvers.yarns import OnYarns
+from .model import Model
+from .state import Hold
 
 ASIDE = 2e-4  # pitches
+
+
+def model_of(ply: Ply) -> Model:
+    """The model of a single ply. Collective."""
+    fabric = ply.network.fabric
+    multigrid = partial(_hierarchy, ply) if ply.dim == 2 else None
+    return Model(ply.nodes, ply.items, ply.active, fabric.c11 + fabric.c22, multigrid)
+
+
+def holder(ply: Ply) -> Callable[[list], Hold]:
+    """Makes a Hold of motions of a ply's edges, see Ply.prescribed; collective when called."""
+    nodes = np.flatnonzero(ply.fixed.any(axis=1)).astype(np.int32)
+    axes, fixed = ply.nodes.frame[nodes], ply.fixed[nodes]
+
+    def hold(motions: list) -> Hold:
+        place, turn = ply.prescribed(motions)
+        return Hold(nodes, axes, fixed, place[nodes], turn)
+
+    return hold
+
+
+def _hierarchy(ply: Ply, matrix: PETSc.Mat) -> Hierarchy:
+    return hierarchy(matrix, ply.network.partition, unknowns_of(ply))
 
 
 def unknowns_of(ply: Ply) -> Unknowns:
@@ -55,5 +85,5 @@ def unknowns_of(ply: Ply) -> Unknowns:
         np.repeat(point, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
-        YarnLines(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
+        OnYarns(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
     )

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: MIT
+"""Following equilibrium through a stage, by place or by load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import EquilibriumError
+from ..units import format_si
+from .newton import Equilibrium
+from .stages import Stage, Step
+from .state import Found, State
+
+EASY = 8  # Newton steps after which a step that was cut may grow again
+MOST_CUTS = 10
+MOST_TRIES = 40  # solutions for one load
+
+
+@dataclass
+class Path:
+    """How far a stage has come.
+
+    Attributes
+    ----------
+    states : list of State
+        Accepted, the last three at most.
+    target : int
+        Number of the value asked for that is being made for.
+    allowed : float or None
+        Largest step of the control, where steps were cut.
+    load : float
+        Reached, N; where loads are asked for.
+    """
+
+    states: list[State]
+    target: int = 0
+    allowed: float | None = None
+    load: float = 0.0
+
+    @property
+    def state(self) -> State:
+        """The last accepted one."""
+        return self.states[-1]
+
+    def append(self, state: State) -> None:
+        """Go on to a state. Of two at one control the newer one counts."""
+        kept = [old for old in self.states if old.time != state.time]
+        self.states = [*kept[-2:], state]
+
+
+def follow(
+    equilibrium: Equilibrium,
+    stage: Stage,
+    start: State | Path,
+    accepted: Callable[[Step, Path], None] | None = None,
+) -> list[Step]:
+    """Follow equilibrium from a state through the values asked for, in order. Collective.
+
+    Each step starts from the last ones carried on (a parabola through three states, a straight line
+    through two, the tangent where there is but one); one that fails is halved, from the last state
+    that was found, and steps grow again when all goes well. A load is reached by Newton's method on
+    the control, kept between controls whose loads are above and below.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+    stage : Stage
+        Its controls may turn back.
+    start : State or Path
+        In equilibrium; or how far an earlier call had come.
+    accepted : callable, optional
+        Called with each accepted step, and how far the stage has come with it.
+
+    Returns
+    -------
+    list of Step
+        All that were accepted here.
+
+    Raises
+    ------
+    EquilibriumError
+        On every rank, with the reason and the place.
+    """
+    path = start if isinstance(start, Path) else Path([start])
+    done: list[Step] = []
+    while path.target < len(stage.targets):
+        aim = (_Load if stage.by_load else _Place)(equilibrium, stage, path)
+        solved: list[Found] = []
+        cuts, last = 0, path.state
+        while True:
+            control, guess = aim.next(last, min(aim.most, path.allowed or aim.most))
+            change = abs(control - last.time)
+            try:
+                found = equilibrium.solve(guess.at(*_held(stage, control)))
+            except EquilibriumError:
+                cuts += 1
+                path.allowed = 0.5 * change
+                if path.allowed <= aim.most * 0.5**MOST_CUTS:
+                    raise
+                continue
+            if path.allowed is not None and found.iterations <= EASY:
+                path.allowed = min(aim.most, 2.0 * path.allowed)
+            solved.append(found)
+            last = found.state
+            if not aim.accepts(found):
+                continue
+            path.append(replace(last, memory=equilibrium.model.accepted(last)))
+            if aim.reached:
+                path.target, path.allowed = path.target + 1, None
+            step = Step.of(solved, stage.measure(found), aim.reached, cuts)
+            done.append(step)
+            if accepted is not None:
+                accepted(step, path)
+            if aim.reached:
+                break
+            solved, cuts, last = [], 0, path.state
+    return done
+
+
+def _held(stage: Stage, control: float):
+    hold, factors = stage.drive(control)
+    return hold, control, factors
+
+
+def extrapolated(equilibrium: Equilibrium, stage: Stage, states: Sequence[State], control: float):
+    """Lagrange's polynomial through states, or the tangent at a single one, at a control."""
+    last = states[-1]
+    if len(states) == 1:
+        # The clamps' turn belongs to the new state; the tangent is that of the old one.
+        change = last.at(*_held(stage, control)).x - last.x
+        return last.moved(equilibrium.tangent_step(last, change)[0])
+    at = [state.time for state in states]
+    x = np.zeros_like(last.x)
+    for i, state in enumerate(states):
+        weight = np.prod([(control - o) / (at[i] - o) for j, o in enumerate(at) if j != i])
+        x += weight * state.x
+    return replace(last, x=x)
+
+
+class _Place:
+    """A control that is asked for."""
+
+    def __init__(self, equilibrium: Equilibrium, stage: Stage, path: Path):
+        self.equilibrium, self.stage, self.path = equilibrium, stage, path
+        self.target = float(stage.targets[path.target])
+        before = stage.targets[path.target - 1] if path.target else path.state.time
+        self.most = abs(self.target - before) if stage.step is None else stage.step
+        self.reached = False
+
+    def next(self, last: State, allowed: float) -> tuple[float, State]:
+        """Where to solve next, and from what."""
+        gap = self.target - last.time
+        pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9))) if gap else 1
+        control = self.target if pieces <= 1 else last.time + gap / pieces
+        return control, extrapolated(self.equilibrium, self.stage, self.path.states, control)
+
+    def accepts(self, found: Found) -> bool:
+        """Each state that is found is one of the stage."""
+        self.reached = found.state.time == self.target
+        return True
+
+
+class _Load:
+    """A load that is asked for, or one on the way to it."""
+
+    def __init__(self, equilibrium: Equilibrium, stage: Stage, path: Path):
+        self.equilibrium, self.stage, self.path = equilibrium, stage, path
+        self.target = float(stage.targets[path.target])
+        assert stage.step is not None
+        self.most, self.load = stage.step, path.load
+        self.reached = False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Choose the next goal."""
+        gap, limit = self.target - self.load, self.stage.load_step or np.inf
+        short = abs(gap) > limit * (1 + 1e-9)
+        self.goal = self.load + np.sign(gap) * limit if short else self.target
+        self.ends: dict[bool, float] = {}  # last controls whose load is above and below
+        self.tries = 0
+
+    def next(self, last: State, allowed: float) -> tuple[float, State]:
+        """Newton's step on the control, with the slope of the load by the tangent."""
+        self.ends[bool(self.load > self.goal)] = last.time
+        velocity = self.stage.rate(last.time)
+        moved, force = self.equilibrium.tangent_step(last, velocity)
+        owned = self.equilibrium.model.nodes.num_nodes_owned
+        slope = float((force[:owned] * velocity[:owned]).sum())
+        slope = self.equilibrium.model.comm.allreduce(slope)
+        gap = self.goal - self.load
+        wanted = gap / slope if slope > 0.0 else np.sign(gap) * allowed
+        change = float(np.clip(wanted, -allowed, allowed))
+        if len(self.ends) == 2:  # a load between two others lies between their controls
+            low, high = sorted(self.ends.values())
+            if not low < last.time + change < high:
+                change = 0.5 * (low + high) - last.time
+        self.is_short = abs(change) < abs(wanted)
+        return last.time + change, last.moved(moved * change)
+
+    def accepts(self, found: Found) -> bool:
+        """A state with the load of the goal; or one on the way, as far as a step may go."""
+        self.load = self.stage.load(found)
+        if abs(self.load - self.goal) <= self.stage.load_tolerance:
+            self.load = self.path.load = self.goal
+            self.reached = self.goal == self.target
+            self._begin()
+            return True
+        if len(self.ends) == 1 and self.is_short:
+            self.path.load = self.load
+            return True
+        self.tries += 1
+        if self.tries > MOST_TRIES:
+            raise EquilibriumError(
+                f"the load {format_si(self.goal, 'N')} is not reached", "MAX_IT", []
+            )
+        return False

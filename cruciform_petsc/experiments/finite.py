@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: MIT
+"""A test at finite deformation: its stage, what is measured on its states, its result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..equilibrium.cloth import holder, model_of
+from ..equilibrium.follow import Path, follow
+from ..equilibrium.newton import Equilibrium
+from ..equilibrium.stages import Increment, Measured, Stage, Step
+from ..equilibrium.state import Found, Hold, State
+from ..errors import CruciformError, EquilibriumError
+from ..items.ply import Ply
+from ..net.edges import Constraints
+from . import result
+
+LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
+
+
+class Keeper(Protocol):
+    """What keeps a test's states on disk, see output.checkpoint. Collective."""
+
+    increments: list[Increment]
+
+    def restore(self, ply: Ply) -> Any:
+        """Where to go on: states, target, allowed, load, asked."""
+
+    def write(self, ply: Ply, path: Path, increments: list[Increment]) -> None:
+        """Keep what has been reached."""
+
+
+class FiniteTest:
+    """An experiment's ply, model and stage. Collective.
+
+    Parameters
+    ----------
+    experiment : Experiment
+
+    Attributes
+    ----------
+    ply : Ply
+    model : Model
+    grips : list of Grip
+    """
+
+    def __init__(self, experiment: Any):
+        self.experiment, self.network = experiment, experiment.network
+        constraints = Constraints(self.network, experiment.bending)
+        self.grips = experiment.grip(constraints)
+        self.ply = Ply(constraints, experiment.out_of_plane)
+        self.model = model_of(self.ply)
+        self._hold = holder(self.ply)
+
+    def at(self, control: float, x: np.ndarray | None = None) -> State:
+        """State at a control; at rest (control 0), or with known positions. Collective."""
+        hold, factors = self.drive(control)
+        rest = self.ply.nodes.rest
+        return State(rest if x is None else x, hold, control, factors)
+
+    def drive(self, control: float) -> tuple[Hold, dict[str, float]]:
+        """See Stage.drive. Collective."""
+        hold = self._hold(self.experiment.motions(self.grips, control))
+        return hold, {self.ply.loads.name: self.experiment.load_factor(control)}
+
+    def rate(self, control: float) -> np.ndarray:
+        """See Stage.rate. Collective."""
+        rate = np.zeros_like(self.ply.nodes.rest)
+        at = self.ply.nodes.of_network_node
+        rate[at, :2] = self.experiment.velocity(self.grips, control)
+        return self.ply.nodes.halo.forward(rate)
+
+    def work(self, found: Found) -> float:
+        """Work of the edges per change of the control. Collective."""
+        control, nodes = found.state.time, self.ply.nodes
+        # Arm ends on edges are of the network's nodes; its own are all there is to sum over.
+        at = nodes.of_network_node[: self.network.num_nodes_owned]
+        work = float((found.force[at] * self.rate(control)[at]).sum())
+        return self.network.comm.allreduce(work) + self._work_of_turning(found.state)
+
+    def _work_of_turning(self, state: State) -> float:
+        """Work per change of the control that clamps do on the directions they hold. Collective."""
+        experiment, control = self.experiment, state.time
+        step = 1e-5 * max(abs(control), abs(experiment.reference_control()))
+        ahead, behind = (experiment.motions(self.grips, control + sign * step) for sign in (1, -1))
+        if all((a[1] == b[1]).all() for a, b in zip(ahead, behind, strict=True)):
+            return 0.0
+        energy = []
+        for motions in (ahead, behind):
+            turned = replace(state, hold=replace(state.hold, turn=self._hold(motions).turn))
+            energy.append(sum(self.model.energies(turned).values()))
+        return (energy[0] - energy[1]) / (2.0 * step)
+
+    def measure(self, found: Found) -> Measured:
+        """See Stage.measure. Collective."""
+        at = self.ply.nodes.of_network_node
+        return Measured(
+            self.experiment.load_of(self.work(found), found.state.time),
+            self.experiment.edge_forces(self.grips, found.force[at]),
+            self.ply.shear_angle_max(found.state),
+        )
+
+    def stage(self) -> Stage:
+        """All values asked for, as a stage."""
+        experiment = self.experiment
+        largest = float(np.abs(experiment.values).max())
+        step = None if experiment.increments is None else largest / experiment.increments
+        control_step = experiment.default_step()
+        if experiment.by_load:
+            control_step = control_step or experiment.reference_control()
+        elif step is not None:
+            control_step = step
+        return Stage(
+            experiment.kind,
+            self.drive,
+            experiment.values.tolist(),
+            control_step,
+            experiment.by_load,
+            step,
+            LOAD_TOLERANCE * largest,
+            self.work,
+            self.rate,
+            self.measure,
+        )
+
+    def result_state(self, step: Step) -> result.State:
+        """What a result keeps of a step; fields are worked out when first asked for."""
+        ply, state = self.ply, step.state
+        return result.State(
+            state.time,
+            step.increment.load,
+            lambda: ply.fields(state),
+            lambda: ply.displacement(state)[1],
+            dict(step.forces),
+        )
+
+    def measured_anew(self, control: float, x: np.ndarray) -> Step:
+        """A step of an earlier run from its positions. Collective."""
+        state = self.at(control, x)
+        force, _, energies = self.model.force(state)
+        found = Found(state, energies, force, 0, 0.0, 0.0, [], 0, 0, 0.0)  # not solved again
+        return Step.of([found], self.measure(found), True, 0)
+
+
+def solve_finite(
+    experiment: Any,
+    accepted: Callable[[Increment], None] | None,
+    keeper: Keeper | None,
+) -> result.TestResult:
+    """See Experiment.solve. Collective."""
+    test = FiniteTest(experiment)
+    start = test.at(0.0)
+    equilibrium = Equilibrium(test.model, start, experiment.options)
+    types = equilibrium.types()
+    path, done = Path([start]), []
+    states: list[result.State] = []  # asked for
+    last: list[result.State] = []  # whether asked for or not
+
+    def take(step: Step, path: Path) -> None:
+        loads = test.ply.loads.modes
+        energies = {m: e for m, e in step.increment.energies.items() if m not in loads}
+        increment = replace(step.increment, energies=energies)
+        done.append(increment)
+        last[:] = [test.result_state(step)]
+        if increment.asked:
+            states.append(last[0])
+        if keeper is not None:
+            keeper.write(test.ply, path, done)
+        if accepted is not None:
+            accepted(increment)
+
+    def found() -> result.TestResult:
+        unknowns = test.model.dim * test.ply.nodes.num_nodes_global
+        return result.TestResult(
+            experiment, test.ply.supports, test.model.dim, states, increments=done,
+            unknowns=unknowns, solver_types=types,
+        )  # fmt: skip
+
+    try:
+        if keeper is not None:
+            kept = keeper.restore(test.ply)
+            done += keeper.increments
+            states += [test.result_state(test.measured_anew(*asked)) for asked in kept.asked]
+            places = [test.at(*place) for place in kept.states]
+            path = Path(places, kept.target, kept.allowed, kept.load)
+        follow(equilibrium, test.stage(), path, take)
+    except CruciformError as error:
+        # Only these are raised on every rank alike, as destroying needs it.
+        equilibrium.destroy()
+        if isinstance(error, EquilibriumError):
+            experiment.explain(error, done)
+            if last and (not states or states[-1] is not last[0]):
+                states.append(last[0])  # how far it came
+            error.result = found() if states else None
+        raise
+    equilibrium.destroy()
+    return found()
