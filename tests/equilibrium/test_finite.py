@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+from support.finite import Cloth
 from support.helpers import DIAGONAL, PITCH, TABLE_1, UNEVEN, dense, diagonals, l_shape, pins
 
 from cruciform_petsc import laws
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.equilibrium import newton, tangent_multigrid
-from cruciform_petsc.equilibrium.finite import FiniteNetwork
-from cruciform_petsc.equilibrium.newton import Equilibrium, EquilibriumError, follow
-from cruciform_petsc.errors import InputError, SolverError
+from cruciform_petsc.equilibrium import cloth as cloth_module
+from cruciform_petsc.equilibrium import newton
+from cruciform_petsc.equilibrium.follow import Path, follow
+from cruciform_petsc.equilibrium.newton import Equilibrium
+from cruciform_petsc.errors import EquilibriumError, InputError, SolverError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
@@ -50,26 +52,11 @@ def pulled(preform, extension, fabric=TABLE_1, bending=False, **options):
     ).solve()
 
 
-class Model:
-    """A finite network clamped at the lower and the upper edge, moved there by control * motion."""
-
-    def __init__(self, preform, fabric=TABLE_1, bending=False, clamps=("lower", "upper")):
-        self.constraints = Constraints(network(preform, fabric), bending)
-        self.nodes = {edge: self.constraints.clamp(edge) for edge in clamps}
-        self.finite = FiniteNetwork(self.constraints)
-
-    def solve(self, motion, targets=(1.0,), step=None):
-        """Follow motion(edge, control) -> gradient, shift; returns positions and forces (n, 2)."""
-        equilibrium = Equilibrium(self.finite)
-
-        def drive(control):
-            return [(self.nodes[edge], *motion(edge, control)) for edge in self.nodes], 0.0
-
-        try:
-            self.increments = follow(equilibrium, drive, targets, step)
-            return equilibrium.x, equilibrium.forces()
-        finally:
-            equilibrium.destroy()
+def clamped(preform, fabric=TABLE_1, bending=False, clamps=("lower", "upper"), **more):
+    """A cloth clamped at its lower and upper edges."""
+    constraints = Constraints(network(preform, fabric), bending)
+    edges = {edge: constraints.clamp(edge) for edge in clamps}
+    return Cloth(constraints, edges, **more)
 
 
 # -- rotations ---------------------------------------------------------------------------------
@@ -93,18 +80,18 @@ def test_specimen_cut_and_pulled_at_77_degrees(bending):
     pull = np.array([0.001, 0.006])
     results = []
     for preform, way in ((straight, np.eye(2)), (oblique, turn)):
-        model = Model(preform, UNEVEN, bending)
-        x, force = model.solve(
+        cloth = clamped(preform, UNEVEN, bending)
+        state, force = cloth.solve(
             lambda edge, control, way=way: (
                 np.eye(2), control * (edge == "upper") * (way @ pull)
             ),
             step=0.25,
         )  # fmt: skip
-        fields = model.finite.crossover_fields(x)
-        at = model.finite.nodes.of_network_node
-        on = [model.nodes["lower"], model.nodes["upper"]]
-        force = [(force[at[nodes]] @ preform.rotation).sum(axis=0) @ way for nodes in on]
-        results.append((np.array(force), fields, model.finite.network.crossover_position @ way))
+        fields = cloth.ply.fields(state)
+        at = cloth.nodes.of_network_node
+        on = [cloth.edges["lower"], cloth.edges["upper"]]
+        force = [force[at[nodes]].sum(axis=0) @ way for nodes in on]
+        results.append((np.array(force), fields, cloth.network.crossover_position @ way))
     (force, fields, place), (force_2, fields_2, place_2) = results
     np.testing.assert_allclose(place_2, place, atol=1e-14)
     assert abs(fields["shear_angle"]).max() > 30 * DEGREE
@@ -120,26 +107,27 @@ def test_specimen_cut_and_pulled_at_77_degrees(bending):
 @pytest.mark.parametrize("across", [4, 4.6], ids=["fits", "tails of held yarns"])
 def test_deformed_specimen_turned_as_a_whole(bending, across):
     """Positions turned by 77 degrees, the clamps' yarns with them: same energies, turned forces."""
-    model = Model(diagonals(across, 6), TABLE_1, bending)
-    cut = model.finite.cruciforms
+    cloth = clamped(diagonals(across, 6), TABLE_1, bending)
+    cut = cloth.ply.cruciforms
     if not bending and across != 4:
         assert ((cut.turn_source == HELD) & (cut.arm_length > 0)).any()
     pull = np.array([0.001, 0.006])
-    x, _ = model.solve(lambda edge, control: (np.eye(2), control * (edge == "upper") * pull))
-    finite = model.finite
-    force, energies = finite.force(x)
+    state, force = cloth.solve(
+        lambda edge, control: (np.eye(2), control * (edge == "upper") * pull)
+    )
+    energies = cloth.energies(state)
     assert (energies[: 2 + bending] > 0).all()
     size = abs(force).max()
     turn = turned(77 * DEGREE)
-    moved = x @ turn.T + [0.3, -0.2]
-    without = finite.energies(moved)
-    finite.prescribe(moved.copy(), [(nodes, turn, np.zeros(2)) for nodes in model.nodes.values()])
-    force_2, energies_2 = finite.force(moved)
+    moved = replace(state, x=state.x @ turn.T + [0.3, -0.2])
+    hold = cloth.hold([(nodes, turn, np.zeros(2)) for nodes in cloth.edges.values()])
+    with_clamps = replace(moved, hold=hold)
     # Positions are 0.3 m here, arms 2 mm: a few more digits are lost than at the place of cutting.
-    np.testing.assert_allclose(energies_2, energies, rtol=1e-10, atol=1e-20)
-    np.testing.assert_allclose(force_2, force @ turn.T, atol=1e-10 * size)
+    np.testing.assert_allclose(cloth.energies(with_clamps), energies, rtol=1e-10, atol=1e-20)
+    found = cloth.model.force(with_clamps)[0]
+    np.testing.assert_allclose(found, force @ turn.T, atol=1e-10 * size)
     # The clamps' directions matter: left behind, they would shear the cloth.
-    assert without.sum() > 1.1 * energies.sum()
+    assert cloth.energies(moved).sum() > 1.1 * energies.sum()
 
 
 @BENDING
@@ -149,14 +137,14 @@ def test_clamps_that_turn_while_they_pull(bending):
     pull = np.array([0.0, 0.008])
     ends = []
     for angle in (0.0, 77 * DEGREE):
-        model = Model(preform, TABLE_1, bending)
+        cloth = clamped(preform, TABLE_1, bending)
 
         def motion(edge, control, angle=angle):
             turn = turned(control * angle)
             return turn, control * (edge == "upper") * (turn @ pull)
 
-        x, force = model.solve(motion, step=0.1)
-        ends.append((x @ turned(angle), force @ turned(angle)))
+        state, force = cloth.solve(motion, step=0.1)
+        ends.append((state.x @ turned(angle), force @ turned(angle)))
     (x, force), (x_2, force_2) = ends
     size = abs(force).max()
     # Equilibrium is found to 1e-8 of the clamps' forces (RELATIVE_RESIDUAL).
@@ -174,24 +162,24 @@ def test_forces_are_in_balance(bending):
 
     A clamp holds directions of yarns, too. Its couple is what turning these alone would cost.
     """
-    model = Model(diagonals(4, 6), TABLE_1, bending)
+    cloth = clamped(diagonals(4, 6), TABLE_1, bending)
     pull = np.array([0.001, 0.006])
-    x, force = model.solve(lambda edge, control: (np.eye(2), control * (edge == "upper") * pull))
-    finite = model.finite
-    free = finite.free.any(axis=1)
+    state, force = cloth.solve(
+        lambda edge, control: (np.eye(2), control * (edge == "upper") * pull)
+    )
+    free = cloth.free().any(axis=1)
     size = abs(force).max()
     assert abs(force[free]).max() < 1e-7 * size
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-7 * size)
 
     def energy(angle):
         """With the held directions turned, all points where they are."""
-        motions = [(nodes, turned(angle), np.zeros(2)) for nodes in model.nodes.values()]
-        finite.prescribe(x.copy(), motions)
-        return finite.energies(x).sum()
+        motions = [(nodes, turned(angle), np.zeros(2)) for nodes in cloth.edges.values()]
+        return cloth.energies(replace(state, hold=cloth.hold(motions))).sum()
 
     step = 1e-5
     couple = (energy(step) - energy(-step)) / (2 * step)
-    moment = (x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]).sum()
+    moment = (state.x[:, 0] * force[:, 1] - state.x[:, 1] * force[:, 0]).sum()
     assert abs(couple) > 3e-6  # N m; arms of 2 mm on 1 N, all yarns of a clamp by another angle
     assert moment == pytest.approx(-couple, abs=3e-9)  # residuals of 1e-8 N on arms of 0.1 m
 
@@ -204,14 +192,11 @@ def test_moments_without_clamps():
     )  # fmt: skip
     constraints = Constraints(test.network, True)
     grips = test.grip(constraints)
-    finite = FiniteNetwork(constraints)
-    equilibrium = Equilibrium(finite)
-    follow(equilibrium, lambda c: (test._motions(grips, c), 0.0), [0.004], 0.001)
-    x, force = equilibrium.x, equilibrium.forces()
-    equilibrium.destroy()
+    cloth = Cloth(constraints, {grip.edge: grip.nodes for grip in grips})
+    state, force = cloth.solve(test.motion, [0.004], 0.001)
     size = abs(force).max()
     np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-7 * size)
-    moment = x[:, 0] * force[:, 1] - x[:, 1] * force[:, 0]
+    moment = state.x[:, 0] * force[:, 1] - state.x[:, 1] * force[:, 0]
     assert abs(moment.sum()) < 1e-7 * abs(moment).sum()
 
 
@@ -237,26 +222,30 @@ def test_tangent_is_the_gradient_of_the_force(bending):
     constraints = Constraints(network(Preform.rectangle(0.02, 0.02, 0.4), UNEVEN), bending)
     nodes = constraints.clamp("lower")
     constraints.guide("right", (0.6, 0.8), 0.0)
-    finite = FiniteNetwork(constraints)
+    cloth = Cloth(constraints)
+    model = cloth.model
     rng = np.random.default_rng(1)
-    x = finite.rest + 3e-4 * rng.normal(size=finite.rest.shape)
-    finite.prescribe(x, [(nodes, turned(0.2), np.array([1e-3, 0.0]))])
-    matrix, blocks = finite.stiffness(x)
+    x = cloth.rest + 3e-4 * rng.normal(size=cloth.rest.shape)
+    state = cloth.state(x, [(nodes, turned(0.2), np.array([1e-3, 0.0]))])
+    matrix, blocks = model.stiffness(state)
     found = dense(matrix)
-    free = finite.free.ravel()
-    assert len(finite._turned) > 3
+    free = cloth.free().ravel()
+    yarn = cloth.network.to_lab(np.eye(2))
+    assert (abs(cloth.nodes.frame - yarn).max(axis=(1, 2)) > 0.1).sum() > 3
     size = abs(found[free]).max()
     step = 1e-9  # 1e-6 of an arm
     for i in rng.permutation(np.flatnonzero(free))[:40]:
         change = np.zeros(x.size)
         change[i] = step
-        change = finite.from_axes(change.reshape(x.shape).copy())
-        slope = (finite.force(x + change)[0] - finite.force(x - change)[0]).ravel() / (2 * step)
-        np.testing.assert_allclose(found[free, i], slope[free], atol=1e-6 * size)
-        whole = finite.times(blocks, finite.to_axes(change.copy())).ravel() / step
+        change = model.from_axes(change.reshape(x.shape))
+        ahead, behind = (model.force(state.moved(way * change))[0] for way in (1, -1))
+        slope = (ahead - behind) / (2 * step)
+        whole = model.times(blocks, change) / step
         np.testing.assert_allclose(whole, slope, atol=1e-6 * size)
+        slope = model.to_axes(slope).ravel()
+        np.testing.assert_allclose(found[free, i], slope[free], atol=1e-6 * size)
     np.testing.assert_array_equal(
-        found[~free][:, ~free], finite.typical_stiffness * np.eye((~free).sum())
+        found[~free][:, ~free], model.stiffness_scale * np.eye((~free).sum())
     )
     matrix.destroy()
 
@@ -264,12 +253,12 @@ def test_tangent_is_the_gradient_of_the_force(bending):
 # -- small displacements -----------------------------------------------------------------------
 
 
-def condensed(finite, keep):
+def condensed(cloth, keep):
     """Dense tangent at rest on some unknowns, the other free ones at equilibrium."""
-    matrix, _ = finite.stiffness(finite.rest)
+    matrix, _ = cloth.model.stiffness(cloth.state())
     found = dense(matrix)
     matrix.destroy()
-    free = np.flatnonzero(finite.free.ravel())
+    free = np.flatnonzero(cloth.free().ravel())
     rest = np.setdiff1d(free, keep)
     inner = np.linalg.solve(found[np.ix_(rest, rest)], found[np.ix_(rest, keep)])
     return found[np.ix_(keep, keep)] - found[np.ix_(keep, rest)] @ inner
@@ -289,7 +278,7 @@ def test_tangent_at_rest_is_the_linear_network(name):
     constraints = Constraints(network(OUTLINES[name], UNEVEN), False)
     constraints.clamp("lower")
     constraints.guide("left", (0.6, 0.8), 0.0)
-    linear, finite = LinearNetwork(constraints), FiniteNetwork(constraints)
+    linear, cloth = LinearNetwork(constraints), Cloth(constraints)
     if name in ("30 degrees", "L"):
         assert linear.supports.num_hanging > 0
         assert linear.supports.slaved.any()
@@ -298,7 +287,7 @@ def test_tangent_at_rest_is_the_linear_network(name):
     expected = dense(matrix)[np.ix_(rows, rows)]
     matrix.destroy()
     node, component = np.nonzero(linear.free)
-    found = condensed(finite, 2 * finite.nodes.of_network_node[node] + component)
+    found = condensed(cloth, 2 * cloth.nodes.of_network_node[node] + component)
     np.testing.assert_allclose(found, expected, atol=1e-10 * abs(expected).max())
 
 
@@ -365,20 +354,21 @@ def test_uniform_shear_has_one_sign(angle):
     for preform in (Preform.rectangle(0.03, 0.04, 0.4), l_shape(0.05, 1.2)):
         constraints = Constraints(network(preform, fabric), False)
         pins(constraints)
-        finite = FiniteNetwork(constraints)
+        cloth = Cloth(constraints)
         gamma = angle * DEGREE
         c, s = np.cos(gamma / 2), np.sin(gamma / 2)
-        x = finite.rest @ np.array([[c, s], [s, c]])
-        fields = finite.crossover_fields(x)
+        state = replace(cloth.state(), x=cloth.affine([[c, s], [s, c]]))
+        fields = cloth.ply.fields(state)
         at = fields["carrying"]
         np.testing.assert_allclose(fields["shear_angle"][at], gamma, atol=1e-12)
         half = np.array([0.5, -0.5, 0.5, -0.5]) * gamma
         np.testing.assert_allclose(fields["arm_rotation"][at], half[None].repeat(at.sum(), 0))
         assert abs(fields["arm_strain"]).max() < 1e-12
-        area = finite.cruciforms.area.sum()
+        area = cloth.ply.cruciforms.area.sum()
         energy = area * fabric.shear.evaluate(gamma)[0]
         assert fields["shear_energy"].sum() == pytest.approx(energy, rel=1e-11)
-        np.testing.assert_allclose(finite.energies(x), [0.0, energy, 0.0], rtol=1e-11, atol=1e-20)
+        found = cloth.energies(state)
+        np.testing.assert_allclose(found, [0.0, energy, 0.0], rtol=1e-11, atol=1e-20)
 
 
 @BENDING
@@ -392,14 +382,15 @@ def test_affine_energy(bending):
     for preform in (Preform.rectangle(0.03, 0.04, 0.4), l_shape(0.05, 1.2), OUTLINES["30 degrees"]):
         constraints = Constraints(network(preform, fabric), bending)
         pins(constraints)
-        finite = FiniteNetwork(constraints)
-        area = finite.cruciforms.area.sum()
+        cloth = Cloth(constraints)
+        area = cloth.ply.cruciforms.area.sum()
         assert area > 0.9 * preform.outline.area
         for gamma in (0.0, 40 * DEGREE, -40 * DEGREE):
             stretch = 1 + rng.uniform(-0.2, 0.4, 2)
             turn, lean = rng.uniform(0, 6), np.pi / 2 - gamma
             yarns = np.array([[1, 0], [np.cos(lean), np.sin(lean)]]) * stretch[:, None]
-            energies = finite.energies(finite.rest @ yarns @ turned(turn).T + 0.1)
+            x = cloth.affine(turned(turn) @ yarns.T, [0.1, 0.1])
+            energies = cloth.energies(replace(cloth.state(), x=x))
             e = np.log(stretch)
             tension = (fabric.c11 * e[0] ** 2 + fabric.c22 * e[1] ** 2) / 2 + fabric.c12 * e.prod()
             shear = fabric.shear.evaluate(gamma)[0]
@@ -747,36 +738,30 @@ def test_increments_are_cut(monkeypatch):
     assert max(increment.iterations for increment in result.increments) <= 4
 
 
-def test_last_accepted_state_survives(monkeypatch):
-    """After a failed step positions, loads and the clamps' directions are those of before."""
-    model = Model(diagonals(4, 8), bending=True)
-    equilibrium = Equilibrium(model.finite)
+def test_last_accepted_state_survives():
+    """A step that fails leaves how far the stage has come as it was; from there it goes on."""
+    cloth = clamped(diagonals(4, 8), bending=True)
 
-    def drive(control):
-        turn = turned(control)
-        motions = [(model.nodes["lower"], np.eye(2), np.zeros(2))]
-        motions.append((model.nodes["upper"], turn, np.array([0.0, 0.01 * control])))
-        return motions, 0.1 * control
+    def motion(edge, control):
+        if edge == "lower":
+            return np.eye(2), np.zeros(2)
+        return turned(control), np.array([0.0, 0.01 * control])
 
-    path = newton.Path(equilibrium, drive)
-    path.advance(0.1)
-    path.advance(0.15)
-    x, states = equilibrium.x.copy(), list(path.states)
-    held, offset = model.finite.cruciforms.held.copy(), model.finite.turns.offset.copy()
+    equilibrium = Equilibrium(cloth.model, cloth.state())
+    path = Path([cloth.state()])
+    follow(equilibrium, cloth.stage(motion, [0.1, 0.15]), path)
+    states, positions = list(path.states), [state.x.copy() for state in path.states]
     equilibrium.snes.setTolerances(max_it=1)
     with pytest.raises(EquilibriumError) as caught:
-        path.advance(0.8)
+        follow(equilibrium, cloth.stage(motion, [0.1, 0.15, 0.8]), path)
     assert caught.value.reason == "DIVERGED_MAX_IT"
     assert len(caught.value.history) == 2
-    assert path.control == 0.15
-    assert [state[0] for state in path.states] == [state[0] for state in states]
-    assert equilibrium.load_factor == 0.1 * 0.15
-    np.testing.assert_array_equal(equilibrium.x, x)
-    np.testing.assert_array_equal(model.finite.cruciforms.held, held)
-    np.testing.assert_array_equal(model.finite.turns.offset, offset)
+    assert [state.time for state in path.states] == [0.0, 0.1, 0.15]
+    assert all(one is other for one, other in zip(path.states, states, strict=True))
+    for state, x in zip(path.states, positions, strict=True):
+        np.testing.assert_array_equal(state.x, x)
     equilibrium.snes.setTolerances(max_it=30)
-    again = equilibrium.solve()  # it is still one of equilibrium
-    assert again.iterations == 0
+    assert equilibrium.solve(path.state).iterations == 0  # it is still one of equilibrium
     equilibrium.destroy()
 
 
@@ -828,16 +813,18 @@ def test_values_asked_for_twice_or_at_rest(control):
 
 def test_cloth_does_not_fold():
     """A law that lets go beyond 50 degrees would let warp and weft pass each other."""
-    model = Model(diagonals(4, 6)).finite
-    place = model.rest.copy()
-    assert model.most_sheared(place) is None
-    hinge = int(np.argmin(np.hypot(*(model.network.crossover_position - [0, 3 * DIAGONAL]).T)))
-    ends = model.nodes.of_network_node[model.network.arm_node[hinge]]
-    middle = place[model.nodes.of_hinge[hinge]]
+    cloth = clamped(diagonals(4, 6))
+    place = cloth.rest.copy()
+    assert cloth.model.broken(cloth.state()) is None
+    position = cloth.network.crossover_position
+    hinge = int(np.argmin(np.hypot(*(position - [0, 3 * DIAGONAL]).T)))
+    ends = cloth.nodes.of_network_node[cloth.network.arm_node[hinge]]
+    middle = place[cloth.nodes.of_hinge[hinge]]
     for arm, other in ((0, 1), (2, 3)):  # the weft's arms, turned across the warp's
         place[ends[other]] = middle + (place[ends[arm]] - middle) @ turned(0.1)
-    found = model.most_sheared(place)
-    np.testing.assert_allclose(found, model.network.crossover_position[hinge])
+    found, reason, _ = cloth.model.broken(cloth.state(place))
+    assert reason == "FOLDED"
+    np.testing.assert_allclose(found, position[hinge])
 
 
 def test_every_accepted_increment_is_told(monkeypatch):
@@ -933,10 +920,11 @@ def test_options_reach_the_multigrid(monkeypatch):
 
 def test_options_reach_the_levels_of_gamg():
     """The smoother of ITERATIVE, or the case's, and not PETSc's own."""
-    finite = Model(diagonals(8, 12, refine=2)).finite
+    cloth = clamped(diagonals(8, 12, refine=2))
+    start = cloth.state()
     for options, wanted in (({}, "bjacobi"), ({"mg_levels_pc_type": "sor"}, "sor")):
-        equilibrium = Equilibrium(finite, {"pc_type": "gamg", **options})
-        equilibrium.tangent_step(np.zeros_like(equilibrium.x))
+        equilibrium = Equilibrium(cloth.model, start, {"pc_type": "gamg", **options})
+        equilibrium.tangent_step(start, np.zeros_like(start.x))
         pc = equilibrium.snes.ksp.getPC()
         levels = pc.getMGLevels()
         assert levels > 1
@@ -970,7 +958,7 @@ def test_preconditioner_that_fails_within_snes(monkeypatch):
             raise SolverError("levels fell over", "SETUP")
         return hierarchy(*args)
 
-    monkeypatch.setattr(tangent_multigrid, "hierarchy", failing)
+    monkeypatch.setattr(cloth_module, "hierarchy", failing)
     fails = {3}
     made = network(Preform.rectangle("8 cm", "16 cm"))
 

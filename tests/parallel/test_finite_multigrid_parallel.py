@@ -4,16 +4,14 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support.finite import Cloth
 from support.helpers import TABLE_1
 
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.equilibrium.finite import FiniteNetwork
-from cruciform_petsc.equilibrium.tangent_multigrid import unknowns_of
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.solvers.linear import LinearSolver
-from cruciform_petsc.solvers.multigrid import hierarchy
 
 COMM = MPI.COMM_WORLD
 SPECIMEN = Preform.rectangle("8 cm", "16 cm")
@@ -36,20 +34,20 @@ def test_same_as_direct(bending):
     assert any(increment.linear_iterations > 20 for increment in multigrid.increments)
 
 
-def iterations(model, x):
+def iterations(cloth, state):
     """CG with the multigrid on the tangent at x, to 1e-8 of a random right side in its range."""
-    matrix, _ = model.stiffness(x)
-    unknowns = unknowns_of(model)
+    model = cloth.model
+    matrix, _ = model.stiffness(state)
     solver = LinearSolver(
         matrix,
         extra={"pc_type": "mg", "ksp_rtol": 1e-8},
-        multigrid=lambda of: hierarchy(of, model.network.partition, unknowns),
+        multigrid=model.multigrid,
     )
     owned = model.nodes.num_nodes_owned
     # The same on any number of ranks: made from the nodes' keys.
     wave = np.cos(model.nodes.node_key[:owned, None] % 100_003 * np.array([1.0, 2.0]))
     right, image = matrix.createVecs()
-    right.setArray(np.where(model.free[:owned], wave, 0.0).ravel())
+    right.setArray(np.where(cloth.free()[:owned], wave, 0.0).ravel())
     matrix.mult(right, image)
     answer, info = solver.solve(image)
     right.axpy(-1.0, answer)
@@ -70,15 +68,13 @@ def test_tangent_at_45_degrees_of_shear():
     assert 43 < angle < 55
     constraints = Constraints(network, True)
     grips = test.grip(constraints)
-    model = FiniteNetwork(constraints)
-    flat = iterations(model, model.rest)
-    x = model.rest.copy()
-    moved = result.node_displacement @ network.preform.rotation.T
-    x[model.nodes.of_network_node] += moved
-    x[model.nodes.of_hinge] += result.fields["displacement"] @ network.preform.rotation.T
-    model.nodes.halo.forward(x)
-    model.prescribe(x, test._motions(grips, result.extension))
-    sheared = iterations(model, x)
+    cloth = Cloth(constraints)
+    flat = iterations(cloth, cloth.state())
+    x, nodes = cloth.rest.copy(), cloth.nodes
+    x[nodes.of_network_node] += result.node_displacement
+    x[nodes.of_hinge] = network.crossover_position + result.fields["displacement"]
+    nodes.halo.forward(x)
+    sheared = iterations(cloth, cloth.state(x, test.motions(grips, result.extension)))
     if COMM.rank == 0:
         print(f"{flat} iterations flat, {sheared} at {angle:.1f} degrees")
     assert sheared <= 1.5 * flat
