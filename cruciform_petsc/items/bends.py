@@ -94,8 +94,9 @@ def _family(ply: Ply, family: int) -> list[tuple]:
     slaved = slaved[:, family] | slaved[:, family + 2]
     in_plane = np.full(len(hinge), stiff) if ply.bending else np.where(slaved, straightener, 0.0)
     wanted, along_yarn = carrying & (in_plane > 0), ply.bending
-    if ply.dim == 3:  # where a normal of the cloth can be told
-        wanted = carrying & (length[:, 1 - family] + length[:, 3 - family] > 0)
+    if ply.dim == 3:  # where yarns cross, so that the cloth has a normal
+        crossing = ply.nodes.crossing[family, hinge]
+        carrying = wanted = carrying & (crossing[:, 0] != crossing[:, 1])
         along_yarn = True
     held = constraints.held[network.arm_node]
     held = held & constraints.held_arm[network.arm_node, np.arange(4)]

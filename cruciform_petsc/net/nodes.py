@@ -25,7 +25,8 @@ class Nodes(DistributedNodes):
         Hinge of the next crossover along the warp and along the weft yarn; -1 where none is joined.
     crossing : int (2, n_local, 2)
         At hinges: the ends of the yarn that crosses the warp, and the weft, there, in its
-        direction; -1 at other nodes. Next hinges that are ghosts have them in space only.
+        direction; -1 at other nodes. Next hinges that are ghosts have them in space only. Where
+        that yarn has no arm, the two are one node; or in space those of the crossover beside it.
 
     Parameters
     ----------
@@ -52,14 +53,8 @@ class Nodes(DistributedNodes):
             network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
         )
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
-        if in_space:  # owners of the next hinges know what crosses there, and whose it is
-            owner = np.full(network.num_nodes_local, network.comm.rank, np.int64)
-            owner[owned_nodes:] = network.ghost_owner
-            known = np.full((self.num_nodes_local, 2, 2, 2), np.int64(-1))
-            hinge = self.find(hinge_key)
-            known[hinge] = np.stack([ends, owner[network.arm_node[:, [[3, 1], [2, 0]]]]], axis=-1)
-            more = self.halo.forward(known)[self.num_nodes_owned :].reshape(-1, 2)
-            more = more[(more[:, 0] >= 0) & (more[:, 1] != network.comm.rank)]
+        if in_space:
+            more = self._crossing_elsewhere(network, hinge_key, next_key, joined, ends)
             ghost_key, ghost_owner = [*ghost_key, more[:, 0]], [*ghost_owner, more[:, 1]]
             super().__init__(
                 network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
@@ -73,3 +68,37 @@ class Nodes(DistributedNodes):
             self.halo.forward(crossing)
         found = self.find(crossing)
         self.crossing = np.where(crossing >= 0, found, -1).swapaxes(0, 1)
+
+    def _crossing_elsewhere(
+        self,
+        network: Network,
+        hinge_key: np.ndarray,
+        next_key: np.ndarray,
+        joined: np.ndarray,
+        ends: np.ndarray,
+    ) -> np.ndarray:
+        """Keys and owners (m, 2) of other ranks' arm ends that cross at next hinges. Collective.
+
+        Owners of hinges know what crosses there, and whose it is. Where the crossing yarn has no
+        arm (the tip of a corner), what crosses next to it along the yarn stands for it in ``ends``.
+        """
+        owner = np.full(network.num_nodes_local, network.comm.rank, np.int64)
+        owner[network.num_nodes_owned :] = network.ghost_owner
+        known = np.full((self.num_nodes_local, 2, 2, 2), np.int64(-1))
+        hinge, after = self.find(hinge_key), self.find(next_key)
+        known[hinge] = np.stack([ends, owner[network.arm_node[:, [[3, 1], [2, 0]]]]], axis=-1)
+        self.halo.forward(known)
+        beside = np.full_like(known, -1)
+        for family in (0, 1):
+            rows = np.flatnonzero(joined[:, family])
+            beside[after[rows, family], family] = known[hinge[rows], family]
+        self.halo.reverse(beside, np.maximum)
+        for family in (0, 1):
+            lacking = np.flatnonzero(ends[:, family, 0] == ends[:, family, 1])
+            before = beside[hinge[lacking], family]
+            at = np.where(joined[lacking, family], after[lacking, family], hinge[lacking])
+            found = np.where(before[:, :1, :1] >= 0, before, known[at, family])
+            known[hinge[lacking], family] = found
+            ends[lacking, family] = found[..., 0]
+        needed = self.halo.forward(known).reshape(-1, 2)
+        return needed[(needed[:, 0] >= 0) & (needed[:, 1] != network.comm.rank)]
