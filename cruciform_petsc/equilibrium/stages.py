@@ -65,7 +65,7 @@ class Stage:
     load_step: float | None = None
     load_tolerance: float = 0.0
     load: Callable[[Found], float] = lambda found: float("nan")
-    rate: Callable[[float], np.ndarray] | None = None
+    rate: Callable[[float], np.ndarray] = lambda control: np.zeros(0)
     measure: Callable[[Found], Measured] = lambda found: Measured()
 
 

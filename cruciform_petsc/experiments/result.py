@@ -17,7 +17,7 @@ from ..small.network import MODES
 
 if TYPE_CHECKING:
     from ..continuum.compare import Comparison
-    from ..equilibrium.newton import Increment
+    from ..equilibrium.stages import Increment
     from ..net.network import Network
     from ..net.supports import Supports
     from ..solvers.linear import SolverInfo

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..elements import bend
-from .cruciforms import turns, unit
+from .cruciforms import turns
 from .item import Item, Placed, Work
-
-if TYPE_CHECKING:
-    from .ply import Ply
+from .nodes import PlyNodes, unit
 
 
 class Bends(Item):
@@ -32,7 +28,7 @@ class Bends(Item):
 
     name = "bends"
 
-    def __init__(self, ply: Ply):
+    def __init__(self, ply: PlyNodes):
         self.dim = ply.dim
         self.modes = ("bending", "out_of_plane_bending")[: ply.dim - 1]
         parts = [part for family in (0, 1) for part in _family(ply, family)]
@@ -75,7 +71,7 @@ def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, 
     )
 
 
-def _family(ply: Ply, family: int) -> list[tuple]:
+def _family(ply: PlyNodes, family: int) -> list[tuple]:
     """Bends of the yarns of one family.
 
     Without yarn bending tails that follow their yarn are straightened: at equilibrium they are at

@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..elements import cruciform
 from ..elements.cruciform import Cloth
 from ..net.lattice import HELD, OPPOSITE, QUADRANTS
 from .item import Item, Placed, Work
-
-if TYPE_CHECKING:
-    from .ply import Ply
+from .nodes import PlyNodes, unit
 
 LARGEST_STRETCH = 2.0  # laws of tension do not end, yarns do
 PARALLEL = np.deg2rad(1.0)  # in space: yarns this close to each other lie along each other
@@ -36,7 +32,7 @@ class Cruciforms(Item):
     name = "cruciforms"
     modes = ("tension", "shear")
 
-    def __init__(self, ply: Ply):
+    def __init__(self, ply: PlyNodes):
         network, supports = ply.network, ply.supports
         self.network, self.cloth = network, cloth(network.fabric)
         self.directions = ply.arm_directions
@@ -195,8 +191,3 @@ def turns(state: Placed) -> np.ndarray:
     """Gradients of clamped nodes' motions, and at the end (index -1) that of what is at rest."""
     turn = state.hold.turn
     return np.concatenate([turn, np.eye(turn.shape[1])[None]])
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., dim) over their length."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -28,14 +28,19 @@ class Nodes(DistributedNodes):
         direction; -1 at other nodes. Next hinges that are ghosts have them in space only. Where
         that yarn has no arm, the two are one node; or in space those of the crossover beside it.
 
+    rest : float (n_local, dim)
+        Positions at rest, lab frame, m; z = 0.
+    frame : float (n_local, dim, dim)
+        Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
+
     Parameters
     ----------
     network : Network
-    in_space : bool
-        Know the ends of yarns that cross at next hinges, on other ranks too.
+    dim : int
+        In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
     """
 
-    def __init__(self, network: Network, in_space: bool = False):
+    def __init__(self, network: Network, dim: int = 2):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         owned_nodes = network.num_nodes_owned
@@ -53,7 +58,7 @@ class Nodes(DistributedNodes):
             network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
         )
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
-        if in_space:
+        if dim == 3:
             more = self._crossing_elsewhere(network, hinge_key, next_key, joined, ends)
             ghost_key, ghost_owner = [*ghost_key, more[:, 0]], [*ghost_owner, more[:, 1]]
             super().__init__(
@@ -64,10 +69,16 @@ class Nodes(DistributedNodes):
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))
         crossing = np.full((self.num_nodes_local, 2, 2), np.int64(-1))
         crossing[self.of_hinge] = ends
-        if in_space:
+        if dim == 3:
             self.halo.forward(crossing)
         found = self.find(crossing)
         self.crossing = np.where(crossing >= 0, found, -1).swapaxes(0, 1)
+        self.rest = np.zeros((self.num_nodes_local, dim))
+        self.rest[self.of_network_node, :2] = network.node_position
+        self.rest[self.of_hinge, :2] = network.crossover_position
+        self.halo.forward(self.rest)
+        self.frame = np.tile(np.eye(dim), (self.num_nodes_local, 1, 1))
+        self.frame[:, :2, :2] = network.to_lab(np.eye(2))
 
     def _crossing_elsewhere(
         self,
