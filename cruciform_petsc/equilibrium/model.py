@@ -8,6 +8,7 @@ rows of its frame (warp, weft; along a guide, across it), which is what matrices
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -124,14 +125,14 @@ class Model:
             The caller destroys it.
         blocks : float (m, dim, dim)
         """
-        pattern = self._pattern
+        pattern, (add, to_axes) = self._pattern, _blocks(self.dim)
         blocks = pattern.empty_blocks()
         for item, slots in zip(self.items, pattern.slots, strict=True):
             for rows in item.chunks():
-                _add_blocks(blocks, slots[rows], item.work(state, STIFFNESS, rows, before)[2])
+                add(blocks, slots[rows], item.work(state, STIFFNESS, rows, before)[2])
         free = self.free(state.hold)
         own = np.empty_like(blocks)
-        _to_axes(blocks, self._block_row, self._block_column, self.nodes.frame, free, own)
+        to_axes(blocks, self._block_row, self._block_column, self.nodes.frame, free, own)
         idle = np.where(free[: self.nodes.num_nodes_owned], 0.0, self.stiffness_scale)
         for axis in range(self.dim):
             own[pattern.diagonal, axis, axis] += idle[:, axis]
@@ -204,37 +205,41 @@ def _add_forces(total, nodes, forces):
                 total[nodes[n, p], i] += forces[n, p, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _add_blocks(blocks, slots, matrices):
-    """Add element matrices (m, k, dim, k, dim) to node blocks, in place."""
-    for n in range(slots.shape[0]):
-        for p in range(slots.shape[1]):
-            for q in range(slots.shape[2]):
-                at = slots[n, p, q]
-                for i in range(matrices.shape[2]):
-                    for j in range(matrices.shape[4]):
-                        blocks[at, i, j] += matrices[n, p, i, q, j]
+@lru_cache(maxsize=2)
+def _blocks(dim: int) -> tuple[Callable, Callable]:
+    """Compile loops over blocks of ``dim`` x ``dim``, a length known to the compiler."""
 
+    @numba.njit(cache=True, error_model="numpy")
+    def add(blocks, slots, matrices):
+        """Add element matrices (m, k, dim, k, dim) to node blocks, in place."""
+        for n in range(slots.shape[0]):
+            for p in range(slots.shape[1]):
+                for q in range(slots.shape[2]):
+                    at = slots[n, p, q]
+                    for i in range(dim):
+                        for j in range(dim):
+                            blocks[at, i, j] += matrices[n, p, i, q, j]
 
-@numba.njit(cache=True, error_model="numpy")
-def _to_axes(blocks, row, column, frame, free, result):
-    """Blocks in the lab frame -> in the axes of their nodes; nothing of what is not free."""
-    dim = blocks.shape[1]
-    half = np.zeros((dim, dim))
-    for b in range(len(row)):
-        r, c = row[b], column[b]
-        for i in range(dim):
-            for j in range(dim):
-                half[i, j] = 0.0
-                for k in range(dim):
-                    half[i, j] += blocks[b, i, k] * frame[c, j, k]
-        for i in range(dim):
-            for j in range(dim):
-                value = 0.0
-                if free[r, i] and free[c, j]:
+    @numba.njit(cache=True, error_model="numpy")
+    def to_axes(blocks, row, column, frame, free, result):
+        """Blocks in the lab frame -> in the axes of their nodes; nothing of what is not free."""
+        half = np.zeros((dim, dim))
+        for b in range(len(row)):
+            r, c = row[b], column[b]
+            for i in range(dim):
+                for j in range(dim):
+                    value = 0.0
+                    for k in range(dim):
+                        value += blocks[b, i, k] * frame[c, j, k]
+                    half[i, j] = value
+            for i in range(dim):
+                for j in range(dim):
+                    value = 0.0
                     for k in range(dim):
                         value += frame[r, i, k] * half[k, j]
-                result[b, i, j] = value
+                    result[b, i, j] = value if free[r, i] and free[c, j] else 0.0
+
+    return add, to_axes
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -41,8 +41,9 @@ class Bends(Item):
         """See Item.work."""
         place = state.x[self.nodes[rows]]
         at = np.flatnonzero(self._clamp[rows] >= 0)
-        turn = turns(state)[self._clamp[rows][at]]
-        place[at, 0] -= unit(np.einsum("mij,mj->mi", turn, self._along[rows][at]))
+        if len(at):
+            turn = turns(state)[self._clamp[rows][at]]
+            place[at, 0] -= unit(np.einsum("mij,mj->mi", turn, self._along[rows][at]))
         return bend.bends(
             place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level
         )
