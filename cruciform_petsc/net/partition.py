@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .lattice import YarnLines
+from .lattice import YarnLines, whole_numbers
 
 
 @dataclass
@@ -89,10 +89,7 @@ class Partition:
         """Lattice positions (n, 2) of a rank's crossovers, along each warp yarn in turn."""
         low, high = self.box[rank]
         begin = np.maximum(yarns.first, low[0])
-        count = np.maximum(np.minimum(yarns.last + 1, high[0]) - begin, 0)
+        count = np.minimum(yarns.last + 1, high[0]) - begin
         count[(yarns.line < low[1]) | (yarns.line >= high[1])] = 0
-        ij = np.empty((count.sum(), 2), np.int64)
-        part = np.repeat(np.arange(len(count)), count)
-        ij[:, 0] = np.arange(len(ij)) - np.repeat(np.cumsum(count) - count, count) + begin[part]
-        ij[:, 1] = yarns.line[part]
-        return ij
+        part, i = whole_numbers(begin, count)
+        return np.stack([i, yarns.line[part]], axis=1)

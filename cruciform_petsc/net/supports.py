@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
+from ..parallel import most
 from .edges import Constraints
 from .lattice import HELD, OPPOSITE, QUADRANTS
 
@@ -105,8 +105,7 @@ def find_supports(constraints: Constraints) -> Supports:
         active[network.node_is_hinge, 2] = False
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
-    network.halo.reverse(active, np.logical_or)
-    network.halo.forward(active)
+    network.halo.share(active, np.logical_or)
     return Supports(carrying, round_, source, rotation_source, area, slaved, active)
 
 
@@ -117,7 +116,7 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
     """
     network, round_ = constraints.network, supports.round_
     force = constraints.force.copy()
-    for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
+    for number in range(1, most(network.comm, round_, initial=0) + 1):
         onward = np.zeros(network.num_nodes_local, bool)
         onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
         network.halo.share(onward, np.logical_or)
@@ -145,8 +144,7 @@ def _leave_out_hanging(constraints: Constraints):
     while True:
         users = np.zeros(network.num_nodes_local, np.int32)
         np.add.at(users, network.arm_node[carrying].ravel(), 1)
-        network.halo.reverse(users)
-        network.halo.forward(users)
+        network.halo.share(users)
         joined = network.arm_is_shared & (users[network.arm_node] > 1)
         joined |= fixed[network.arm_node] & ~missing
         hanging = tip if bending else tip | (~on_clamp & (joined.sum(axis=1) <= 1))
@@ -194,28 +192,26 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
     labels = np.unique(np.concatenate([label[owned], of_crossover]))
     at, at_crossover = np.searchsorted(labels, label[owned]), np.searchsorted(labels, of_crossover)
     size = len(labels)
-    # For each part: prescribed unknowns, arm ends, crossovers, joints between them.
-    counts = np.stack([
+    counts = [
+        labels,
         np.bincount(at, constraints.fixed[owned].sum(axis=1), size),
         np.bincount(at, minlength=size),
         np.bincount(at_crossover, minlength=size),
         np.bincount(at, joint[owned] & (users[owned] == 2), size),
-    ], axis=1)  # fmt: skip
-    total: dict[int, np.ndarray] = {}
-    for part in network.comm.allgather(list(zip(labels, counts, strict=True))):
-        for name, here in part:
-            total[name] = total.get(name, 0) + here
-    if not total:
+    ]
+    every = np.concatenate(network.comm.allgather(np.stack(counts, axis=1).astype(np.int64)))
+    parts, part = np.unique(every[:, 0], return_inverse=True)
+    total = np.zeros((len(parts), 4), np.int64)
+    np.add.at(total, part, every[:, 1:])
+    fixed, ends, crossovers, joints = total.T
+    if len(parts) == 0:
         raise InputError(
             "nothing carries load: without yarn bending every crossover turns freely; switch "
             "bending on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
         )
-    loose = {name: part for name, part in total.items() if part[0] < 3}
-    scrap = [name for name, part in loose.items() if part[3] == part[2] - 1]
-    if len(loose) == len(total) or len(scrap) < len(loose):
-        ends = int(max(part[1] for part in loose.values()))
-        raise InputError(
-            f"{'the body' if len(total) == 1 else f'a part of {ends} arm ends'} can float: "
-            "no clamp holds it; clamp an edge that its yarns reach"
-        )
-    return np.flatnonzero(carrying)[np.isin(of_crossover, scrap)]
+    loose = fixed < 3
+    scrap = loose & (joints == crossovers - 1)
+    if loose.all() or (loose & ~scrap).any():
+        name = "the body" if len(parts) == 1 else f"a part of {ends[loose].max()} arm ends"
+        raise InputError(f"{name} can float: no clamp holds it; clamp an edge that its yarns reach")
+    return np.flatnonzero(carrying)[np.isin(of_crossover, parts[scrap])]
