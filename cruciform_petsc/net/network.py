@@ -20,7 +20,7 @@ from ..cloth.preform import Preform
 from ..errors import InputError
 from ..memory import check_memory
 from ..parallel import DistributedNodes, find_sorted
-from .keys import BETWEEN, HINGE, TAIL_AFTER, TAIL_BEFORE, pack_key, pair_key
+from .keys import BETWEEN, TAIL, pack_key, pair_key
 from .lattice import (
     ARM_STEP,
     SHORTEST_ARM,
@@ -169,8 +169,6 @@ class Network(DistributedNodes):
         for family, yarns in enumerate((self.warp_yarns, self.weft_yarns)):
             along, line = ij[:, family], ij[:, 1 - family]
             part = yarns.find(line, along)
-            if len(yarns.line) == 0:
-                continue
             for arm, ends, sign in ((family, yarns.end, 1), (family + 2, yarns.start, -1)):
                 step = ARM_STEP[arm]
                 next_part = yarns.find(line, along + sign)
@@ -183,26 +181,12 @@ class Network(DistributedNodes):
     # -- nodes ----------------------------------------------------------------------------------
 
     def _node_keys(self) -> np.ndarray:
-        """Key of the node at the end of each arm, (n_owned, 4).
-
-        A key packs the yarn family (bit 62), the yarn's number (30 bits) and the place on the yarn
-        (32 bits) in quarters of a pitch: 4 i for a hinge, 4 i + 1 and 4 i - 1 for a tail after and
-        before crossover i, 4 i + 2 for the end shared by i and i + 1.
-        """
-        ij = self.crossover_ij.astype(np.int64)
-        keys = np.empty((len(ij), 4), np.int64)
-        for arm in range(4):
-            family, after = arm % 2, arm < 2
-            place = 4 * ij[:, family] + np.where(
-                self.arm_is_shared[:, arm],
-                BETWEEN if after else BETWEEN - 4,
-                TAIL_AFTER if after else TAIL_BEFORE,
-            )
-            keys[:, arm] = pack_key(family, ij[:, 1 - family], place)
-        hinge = pack_key(0, ij[:, 1], 4 * ij[:, 0] + HINGE)
-        missing = self.arm_length == 0
-        keys[missing] = np.broadcast_to(hinge[:, None], missing.shape)[missing]
-        return keys
+        """Keys of the nodes at the ends of the arms, (n_owned, 4); the hinge's for missing arms."""
+        i, j = self.crossover_ij.astype(np.int64).T
+        warp, weft = pack_key(0, j, 4 * i), pack_key(1, i, 4 * j)  # the crossover on its two yarns
+        keys = np.where(self.arm_is_shared, BETWEEN, TAIL)
+        keys += np.stack([warp, weft, warp, weft], axis=1)
+        return np.where(self.arm_length == 0, warp[:, None], keys)
 
     def _make_nodes(self) -> None:
         ij = self.crossover_ij.astype(np.int64)
@@ -218,12 +202,11 @@ class Network(DistributedNodes):
         self.arm_node = self.find(keys)
         self.node_position = np.empty((self.num_nodes_local, 2))
         self.node_is_boundary = np.zeros(self.num_nodes_local, bool)
-        direction = self.to_lab(ARM_STEP)
-        for arm in range(4):
+        self.node_is_boundary[self.arm_node[self.boundary_crossovers]] = True
+        for arm, direction in enumerate(self.to_lab(ARM_STEP)):
             self.node_position[self.arm_node[:, arm]] = (
-                self.crossover_position + self.arm_length[:, arm, None] * direction[arm]
+                self.crossover_position + self.arm_length[:, arm, None] * direction
             )
-            self.node_is_boundary[self.arm_node[self.boundary_crossovers, arm]] = True
         self.halo.forward(self.node_position)
         self.halo.share(self.node_is_boundary, np.logical_or)
 
