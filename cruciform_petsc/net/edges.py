@@ -167,33 +167,30 @@ class Constraints:
         owned = nodes[nodes < network.num_nodes_owned]
         for chain in chains(network.preform.edge(edge)):
             line = shapely.linestrings(np.concatenate([chain[:1, 0], chain[:, 1]]))
-            near = self._near(owned, line)
-            along = shapely.line_locate_point(line, shapely.points(network.node_position[owned]))
-            ends, places, levers = [], [], []
-            for f in (0, 1):
-                # A hinge on the edge is an end of both families.
-                mine = owned[
-                    near & ((network.node_family[owned] == f) | network.node_is_hinge[owned])
-                ]
-                ends.append(mine)
-                places.append(network.comm.allgather(along[np.isin(owned, mine)]))
-                lever = _lever(network.node_position[mine], traction)
-                levers.append(np.concatenate(network.comm.allgather(lever)))
+            here = owned[self._near(owned, line)]
+            position, is_hinge = network.node_position[here], network.node_is_hinge[here]
+            # A hinge on the edge is an end of both families.
+            ends = [is_hinge | (network.node_family[here] == family) for family in (0, 1)]
+            along = shapely.line_locate_point(line, shapely.points(position))
+            parts = network.comm.allgather(np.stack([along, _lever(position, traction), *ends]))
+            begin = sum(part.shape[1] for part in parts[: network.comm.rank])
+            along, lever, *ends = np.concatenate(parts, axis=1)
+            ends = [part > 0 for part in ends]
+            found = np.array([part.any() for part in ends])
+            if not found.any():
+                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
             piece = chain[:, 1] - chain[:, 0]
             length = np.hypot(piece[:, 0], piece[:, 1])
             normal = np.stack([piece[:, 1], -piece[:, 0]], axis=1) / length[:, None]
-            share = network.to_yarn(normal) ** 2
-            found = np.array([sum(map(len, parts)) > 0 for parts in places])
-            if not found.any():
-                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
-            share = np.where(found.all(), share, found)
+            share = np.where(found.all(), network.to_yarn(normal) ** 2, found).T
             knots = np.concatenate([[0.0], np.cumsum(length)])
-            lumped = [lumped_lengths(np.concatenate(places[f]), knots, share[:, f]) for f in (0, 1)]
-            keep_moment(lumped, levers, float(length @ _lever(chain.mean(axis=1), traction)))
+            lumped = [lumped_lengths(along[ends[f]], knots, share[f]) for f in (0, 1)]
+            moment = float(length @ _lever(chain.mean(axis=1), traction))
+            keep_moment(lumped, [lever[part] for part in ends], moment)
+            carried = np.zeros(len(along))
             for f in (0, 1):
-                before = sum(map(len, places[f][: network.comm.rank]))
-                mine_lumped = lumped[f][before : before + len(ends[f])]
-                self.force[ends[f]] += mine_lumped[:, None] * network.to_yarn(traction)
+                carried[ends[f]] += lumped[f]
+            self.force[here] += carried[begin : begin + len(here), None] * network.to_yarn(traction)
         network.halo.forward(self.force)
 
 

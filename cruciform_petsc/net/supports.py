@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -21,12 +22,10 @@ class Supports:
 
     Attributes
     ----------
-    carrying : bool (n_owned,)
-        False for crossovers that carry no load and are left out of equilibrium: those that hang on
-        by one arm end without yarn bending (nothing keeps them from turning about it), and tips of
-        free corners.
     round_ : int32 (n_owned,)
-        In which round of removal a crossover was left out; 0 for carrying ones.
+        0 for crossovers that carry load. Others are left out of equilibrium, in this round of
+        removal: those that hang on by one arm end without yarn bending (nothing keeps them from
+        turning about it), and tips of free corners.
     strain_source, rotation_source : int (n_boundary, 4)
         See elements.kinematics.arm_rows.
     quadrant_area : float (n_boundary, 4)
@@ -37,13 +36,17 @@ class Supports:
         Unknowns that exist.
     """
 
-    carrying: np.ndarray
     round_: np.ndarray
     strain_source: np.ndarray
     rotation_source: np.ndarray
     quadrant_area: np.ndarray
     slaved: np.ndarray
     active: np.ndarray
+
+    @property
+    def carrying(self) -> np.ndarray:
+        """Which crossovers carry load; bool (n_owned,)."""
+        return self.round_ == 0
 
     @property
     def num_hanging(self) -> int:
@@ -71,33 +74,27 @@ def find_supports(constraints: Constraints) -> Supports:
     Raises InputError on every rank if a part of the network hangs on no clamp.
     """
     network, bending = constraints.network, constraints.bending
-    carrying, round_, joined = _leave_out_hanging(constraints)
-    scrap = _check_held(constraints, carrying)
-    carrying[scrap], round_[scrap] = False, 1
+    round_, joined = _leave_out_hanging(constraints)
+    round_[_check_held(constraints, round_ == 0)] = 1
+    carrying = round_ == 0
 
     boundary = network.boundary_crossovers
     nodes = network.arm_node[boundary]
     missing = network.arm_length[boundary] == 0
     held = constraints.held_arm[nodes, np.arange(4)]
-    own = np.broadcast_to(np.arange(4), nodes.shape)
-    other = np.broadcast_to(OPPOSITE, nodes.shape)
-    other_missing, other_held = missing[:, OPPOSITE], held[:, OPPOSITE]
-
-    nothing = missing & other_missing & ~held
-    source = np.where(missing, np.where(held | nothing, HELD, other), own)
+    nothing = missing & missing[:, OPPOSITE] & ~held
+    source = np.where(missing, np.where(held | nothing, HELD, OPPOSITE), np.arange(4))
     slaved = np.zeros_like(missing)
     if not bending:
         tail = ~missing & ~joined[boundary]
         # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
-        slaved = tail & ~(other_missing & ~other_held) & ~(tail[:, OPPOSITE] & (own < other))
-    rotation_source = np.where(slaved, other, source)
+        follows = tail & ~(tail[:, OPPOSITE] & (np.arange(4) < OPPOSITE))
+        slaved = follows & ~(missing & ~held)[:, OPPOSITE]
     # The other arm may itself be missing and held.
-    rotation_source = np.where(
-        slaved & (source[np.arange(len(source))[:, None], other] == HELD), HELD, rotation_source
-    )
-    area = network.quadrant_area[boundary].copy()
-    for q, (i, j) in enumerate(QUADRANTS):
-        area[nothing[:, i] | nothing[:, j], q] = 0.0
+    of_other = np.where(source[:, OPPOSITE] == HELD, HELD, OPPOSITE)
+    rotation_source = np.where(slaved, of_other, source)
+    area = network.quadrant_area[boundary]
+    area = np.where(nothing[:, QUADRANTS].any(axis=2), 0.0, area)
 
     active = np.zeros((network.num_nodes_local, 3 if bending else 2), bool)
     active[network.arm_node[carrying].ravel()] = True
@@ -106,7 +103,7 @@ def find_supports(constraints: Constraints) -> Supports:
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
     network.halo.share(active, np.logical_or)
-    return Supports(carrying, round_, source, rotation_source, area, slaved, active)
+    return Supports(round_, source, rotation_source, area, slaved, active)
 
 
 def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
@@ -131,29 +128,25 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
     return force
 
 
-def _leave_out_hanging(constraints: Constraints):
-    """Carrying crossovers, round of removal, and which arms are joined to something."""
+def _leave_out_hanging(constraints: Constraints) -> tuple[np.ndarray, np.ndarray]:
+    """Round of removal of each crossover, and which arms are joined to something in the end."""
     network, bending = constraints.network, constraints.bending
-    n = network.num_crossovers_owned
-    carrying, round_ = np.ones(n, bool), np.zeros(n, np.int32)
+    round_ = np.zeros(network.num_crossovers_owned, np.int32)
     fixed = constraints.fixed.any(axis=1) | constraints.tied
     missing = network.arm_length == 0
     on_clamp = (missing & constraints.held[network.arm_node]).any(axis=1)
     tip = (missing & missing[:, OPPOSITE]).any(axis=1) & ~on_clamp
-    number = 0
-    while True:
-        users = np.zeros(network.num_nodes_local, np.int32)
-        np.add.at(users, network.arm_node[carrying].ravel(), 1)
-        network.halo.share(users)
+    for number in count(1):
+        nodes = network.arm_node[round_ == 0]
+        users = network.halo.share(np.bincount(nodes.ravel(), minlength=network.num_nodes_local))
         joined = network.arm_is_shared & (users[network.arm_node] > 1)
         joined |= fixed[network.arm_node] & ~missing
         hanging = tip if bending else tip | (~on_clamp & (joined.sum(axis=1) <= 1))
-        hanging = hanging & carrying
+        hanging = hanging & (round_ == 0)
         if not network.comm.allreduce(int(hanging.sum())):
-            return carrying, round_, joined
-        number += 1
-        carrying[hanging] = False
+            break
         round_[hanging] = number
+    return round_, joined
 
 
 def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
@@ -181,8 +174,7 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         network.halo.share(label, np.minimum)
         if not network.comm.allreduce(int((label != before).any())):
             break
-    users = np.zeros(n, np.int32)
-    np.add.at(users, nodes.ravel(), 1)
+    users = np.bincount(nodes.ravel(), minlength=n)
     joint = np.zeros(n, bool)
     joint[nodes[network.arm_is_shared[carrying]]] = True
     network.halo.reverse(users)
