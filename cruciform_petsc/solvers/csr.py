@@ -125,10 +125,11 @@ def local_rows(matrix: PETSc.Mat, write: bool = False) -> Iterator[LocalRows]:
             _call(f"MatSeqAIJGetArray{access}", half, ctypes.byref(a))
             borrowed.append((half, a))
             pointer = _view(i, n + 1, _INT)
-            arrays += [pointer, _view(j, pointer[-1], _INT), _view(a, pointer[-1], _SCALAR)]
+            column, value = _view(j, pointer[-1], _INT), _view(a, pointer[-1], _SCALAR)
+            arrays.append((pointer, column, value))
         if len(halves) == 1:
-            arrays += [np.zeros(n + 1, _INT), np.zeros(0, _INT), np.zeros(0, _SCALAR)]
-        yield LocalRows(*arrays, ghost=ghost)
+            arrays.append((np.zeros(n + 1, _INT), np.zeros(0, _INT), np.zeros(0, _SCALAR)))
+        yield LocalRows(*arrays[0], *arrays[1], ghost)
     finally:
         for half, a in borrowed:
             _call(f"MatSeqAIJRestoreArray{access}", half, ctypes.byref(a))
