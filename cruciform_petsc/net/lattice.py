@@ -193,25 +193,22 @@ def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
     shapely.prepare(outline)
     for q, (warp_arm, weft_arm) in enumerate(QUADRANTS):
         warp, weft = ARM_STEP[warp_arm], ARM_STEP[weft_arm]
-        has_warp, has_weft = present(ij + warp), present(ij + weft)
-        has_both = present(ij + warp + weft)
+        diagonal = warp + weft
+        has_warp, has_weft, has_both = (present(ij + step) for step in (warp, weft, diagonal))
+        half = np.where(has_both, 0.5, 1.0)
         # (cell, share of its quarter that faces this quadrant)
         takes = [
-            (np.zeros(2, int), np.ones(len(ij))),
-            (warp, np.where(has_warp, 0.0, np.where(has_both, 0.5, 1.0))),
-            (weft, np.where(has_weft, 0.0, np.where(has_both, 0.5, 1.0))),
-            (warp + weft, np.where(has_both | has_warp | has_weft, 0.0, 1.0)),
+            (0 * diagonal, np.ones(len(ij))),
+            (warp, ~has_warp * half),
+            (weft, ~has_weft * half),
+            (diagonal, 1.0 * ~(has_both | has_warp | has_weft)),
         ]
         for step, weight in takes:
             rows = np.flatnonzero(weight)
-            if len(rows) == 0:
-                continue
             # The quarter of the cell at ij + step that touches this crossover's own quarter.
-            facing = np.where(step == 0, warp + weft, -(warp + weft))
             corner = ij[rows] + step
-            other = corner + 0.5 * facing
-            low, high = np.minimum(corner, other), np.maximum(corner, other)
-            boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+            other = corner + np.where(step == 0, 0.5, -0.5) * diagonal
+            boxes = shapely.box(*np.minimum(corner, other).T, *np.maximum(corner, other).T)
             inside = shapely.contains_properly(outline, boxes)
             piece = np.full(len(rows), 0.25)
             piece[~inside] = shapely.area(shapely.intersection(outline, boxes[~inside]))
