@@ -43,27 +43,21 @@ class Nodes(DistributedNodes):
     def __init__(self, network: Network, dim: int = 2):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
-        owned_nodes = network.num_nodes_owned
         joined = network.arm_is_shared[:, :2]
-        next_key = np.empty((len(ij), 2), np.int64)
-        ghost_key, ghost_owner = [network.node_key[owned_nodes:]], [network.ghost_owner]
-        for family in (0, 1):
-            there = ij + ARM_STEP[family]
-            next_key[:, family] = pack_key(0, there[:, 1], 4 * there[:, 0])
-            away = joined[:, family] & ~network.partition.in_box(there, network.comm.rank)
-            ghost_key.append(next_key[away, family])
-            ghost_owner.append(network.partition.owner(there[away]))
-        owned_key = np.union1d(network.node_key[:owned_nodes], hinge_key)
-        super().__init__(
-            network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
-        )
+        there = ij[:, None] + ARM_STEP[:2]
+        next_key = pack_key(0, there[..., 1], 4 * there[..., 0])
+        away = joined & ~network.partition.in_box(there, network.comm.rank)
+        owned_key, end_ghost = np.split(network.node_key, [network.num_nodes_owned])
+        owned_key = np.union1d(owned_key, hinge_key)
+        ghost_key = np.concatenate([end_ghost, next_key[away]])
+        ghost_owner = np.concatenate([network.ghost_owner, network.partition.owner(there[away])])
+        super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
         if dim == 3:
             more = self._crossing_elsewhere(network, hinge_key, next_key, joined, ends)
-            ghost_key, ghost_owner = [*ghost_key, more[:, 0]], [*ghost_owner, more[:, 1]]
-            super().__init__(
-                network.comm, owned_key, np.concatenate(ghost_key), np.concatenate(ghost_owner)
-            )
+            ghost_key = np.concatenate([ghost_key, more[:, 0]])
+            ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))
