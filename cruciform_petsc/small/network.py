@@ -18,6 +18,9 @@ from ..net.supports import Supports, find_supports, pass_on_loads
 from ..solvers.pattern import BlockPattern, Layout
 
 MODES = ("tension", "shear", "bending")
+# Entries of an element this small beside its largest are rounding: true ones are 1e-5 and more
+# where no mode is softer than another, rounding is 1e-15 and less.
+STRUCTURE = 1e-11
 
 
 @dataclass
@@ -159,16 +162,18 @@ class LinearNetwork:
     def _condense(self, modes: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(stiffness on node unknowns, recovery of the hinge) of each group, cached."""
         if modes not in self._condensed:
-            pairs = []
-            for group in self.groups:
-                total = np.sum([group.parts[mode] for mode in modes], axis=0)
-                matrix, recovery = condense(total, 4 * self.unknowns_per_node)
-                if group.turn is not None:
-                    matrix = group.turn @ matrix @ np.swapaxes(group.turn, 1, 2)
-                    recovery = recovery @ np.swapaxes(group.turn, 1, 2)
-                pairs.append((matrix, recovery))
-            self._condensed[modes] = pairs
+            self._condensed[modes] = [
+                self._condensed_group(group, np.sum([group.parts[mode] for mode in modes], axis=0))
+                for group in self.groups
+            ]
         return self._condensed[modes]
+
+    def _condensed_group(self, group: _Group, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        matrix, recovery = condense(total, 4 * self.unknowns_per_node)
+        if group.turn is not None:
+            back = np.swapaxes(group.turn, 1, 2)
+            matrix, recovery = group.turn @ matrix @ back, recovery @ back
+        return matrix, recovery
 
     def _element_values(self, group: _Group, local: np.ndarray) -> np.ndarray:
         """Values of local nodes (n_local, d) at the four arm ends of each element, (m, 4 d)."""
@@ -221,13 +226,16 @@ class LinearNetwork:
     def _nonzero(self, pattern: BlockPattern) -> np.ndarray:
         """Blocks that are not zero where the matrix of all modes or of any one may be. Collective.
 
-        In the yarn frame two fifths of the entries are zero, whatever the moduli.
+        In the yarn frame two fifths of the entries are zero, whatever the moduli. Modes count alike
+        here, so that a soft one's entries stand clear of the rounding of a stiff one's.
         """
         blocks = pattern.empty_blocks(bool)
         blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
-        each = [self._condense(modes) for modes in (self.modes, *((m,) for m in self.modes))]
-        for group, *pairs in zip(self.groups, *each, strict=True):
-            self._add(pattern, blocks, group, np.any([matrix != 0 for matrix, _ in pairs], axis=0))
+        for group in self.groups:
+            alike = {mode: part / _largest(part) for mode, part in group.parts.items()}
+            for modes in (self.modes, *((mode,) for mode in self.modes)):
+                matrix, _ = self._condensed_group(group, sum(alike[mode] for mode in modes))
+                self._add(pattern, blocks, group, abs(matrix) > STRUCTURE * _largest(matrix))
         return pattern.collect(blocks)
 
     @property
@@ -455,6 +463,11 @@ class LinearNetwork:
             network.exchange.forward(network.exchange.reverse(new, np.logical_or))
             known |= new
         return network.exchange.forward(yarn)
+
+
+def _largest(matrix: np.ndarray) -> np.ndarray:
+    """Size of each matrix's largest entry, (m, 1, 1); not zero."""
+    return np.maximum(abs(matrix).max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
 
 
 def _quadratic(matrix: np.ndarray, u: np.ndarray) -> np.ndarray:
