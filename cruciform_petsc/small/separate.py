@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ..solvers.linear import LEAST_NORM, PREFIX, LinearSolver, SolverInfo
+from ..solvers.linear import LinearSolver, SolverInfo
+from ..solvers.options import LEAST_NORM, PREFIX
 from .network import LinearNetwork
 
 

@@ -24,11 +24,11 @@ from support.helpers import (
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.elements.kinematics import condense
+from cruciform_petsc.elements import small
+from cruciform_petsc.elements.small import condense
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.lattice import OPPOSITE, QUADRANTS
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.small import network as small_network
 from cruciform_petsc.small.network import LinearNetwork
 
 RNG = np.random.default_rng(5)
@@ -268,7 +268,7 @@ def test_entries_follow_from_the_structure(monkeypatch, bending, entries):
         noise = 1e-15 * size * rng.uniform(-1.0, 1.0, matrix.shape)
         return matrix + noise + np.swapaxes(noise, 1, 2), recovery
 
-    monkeypatch.setattr(small_network, "condense", rounded)
+    monkeypatch.setattr(small, "condense", rounded)
     assert count() == (exact, unknowns)
 
 

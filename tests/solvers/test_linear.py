@@ -2,6 +2,7 @@
 """KSP by options: solvers agree, failures are told, the database is left as it was, mechanisms."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,13 +27,13 @@ from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import LinearNetwork
-from cruciform_petsc.solvers.linear import (
+from cruciform_petsc.solvers.linear import SOFTEST, LinearSolver
+from cruciform_petsc.solvers.options import (
     DIRECT,
     ITERATIVE,
     PREFIX,
-    SOFTEST,
-    LinearSolver,
-    _orthonormal,
+    blas_in_use,
+    near_null_space,
     petsc_options,
     reason_name,
 )
@@ -278,11 +279,29 @@ def test_reason_names():
     assert reason_name(12345) == "12345"
 
 
-def test_orthonormal():
+def test_blas_in_use(monkeypatch):
+    """By the libraries that are loaded; OpenBLAS with its version."""
+    for loaded, name in (
+        (
+            "/usr/lib/libblas.so.3\n/usr/lib/libopenblas-r0.3.29.so",
+            "openblas 0.3.29",
+        ),
+        ("/opt/conda/lib/libopenblasp-r0.3.30.so", "openblas 0.3.30"),
+        ("/usr/lib/libopenblas.so.0", "openblas"),
+        ("/opt/intel/lib/libmkl_core.so.2", "mkl"),
+        ("/usr/lib/libblas.so.3.12.1", "reference BLAS"),
+        ("/usr/lib/libc.so.6", "unknown"),
+    ):
+        monkeypatch.setattr(Path, "read_text", lambda _, text=loaded: text)
+        assert blas_in_use() == name
+
+
+def test_near_null_space():
     """Same span, orthonormal, whatever the units of the columns."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(50, 3)) * [1.0, 1e-3, 1e4]
-    rows = _orthonormal(columns, MPI.COMM_SELF)
+    space = near_null_space(columns, MPI.COMM_SELF)
+    rows = np.array([vector.getArray(readonly=True) for vector in space.getVecs()])
     np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-12)
     fitted = rows.T @ (rows @ columns)
     np.testing.assert_allclose(fitted, columns, rtol=1e-9, atol=1e-9)
