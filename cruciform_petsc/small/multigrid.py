@@ -7,7 +7,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..solvers.multigrid import Hierarchy, Unknowns, hierarchy
-from ..solvers.yarns import YarnLines
+from ..solvers.yarns import OnYarns
 from .network import LinearNetwork
 
 
@@ -54,5 +54,5 @@ def unknowns_of(linear: LinearNetwork) -> Unknowns:
         values.reshape(-1, 3),
         slopes.reshape(-1, 2),
         network.partition.owner,
-        YarnLines(np.repeat(line, d, axis=0), np.repeat(lattice, d, axis=0)),
+        OnYarns(np.repeat(line, d, axis=0), np.repeat(lattice, d, axis=0)),
     )

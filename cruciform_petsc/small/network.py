@@ -239,7 +239,7 @@ class LinearNetwork:
         values[: self.network.num_nodes_owned] = vector.getArray(readonly=True).reshape(-1, d)
         values[~self.supports.active] = 0.0
         values[self.constraints.fixed] = self.constraints.value[self.constraints.fixed]
-        return self.network.exchange.forward(values)
+        return self.network.halo.forward(values)
 
     def element_forces(self, local: np.ndarray, *modes: str) -> np.ndarray:
         """Forces K u of the elements on the nodes, complete on owned nodes; (n_local, d).
@@ -249,8 +249,7 @@ class LinearNetwork:
         force = np.zeros(local.shape)
         for group, (matrix, _) in zip(self.groups, self._condense(modes), strict=True):
             force += self._sum_at_nodes(group, _times(matrix, self._element_values(group, local)))
-        self.network.exchange.reverse(force)
-        return self.network.exchange.forward(force)
+        return self.network.halo.share(force)
 
     def loads(self, *modes: str) -> np.ndarray:
         """Loads on the node unknowns, (n_local, d); those on tails passed on to their yarns."""
@@ -258,9 +257,8 @@ class LinearNetwork:
         loads[:, :2] = np.einsum("nij,nj->ni", self.constraints.frame, self.force)
         group, (_, recovery) = self.groups[1], self._condense(modes)[1]
         kept, hinge = group.tail_load[:, : self._kept], group.tail_load[:, self._kept :]
-        passed = self._sum_at_nodes(group, kept + _times(np.swapaxes(recovery, 1, 2), hinge))
-        self.network.exchange.reverse(passed)
-        loads += self.network.exchange.forward(passed)
+        passed = kept + _times(np.swapaxes(recovery, 1, 2), hinge)
+        loads += self.network.halo.share(self._sum_at_nodes(group, passed))
         loads[~self.supports.active] = 0.0
         return loads
 
@@ -293,7 +291,7 @@ class LinearNetwork:
             node = network.arm_node[:, k]
             across = network.arm_directions[(k + 1) % 4]
             squares[node] = (turn * network.arm_length[:, k])[:, None] * across
-        squares = network.exchange.forward(squares)
+        squares = network.halo.forward(squares)
         squares = np.einsum("nij,nj->ni", self.constraints.frame, squares)
         motions = np.concatenate([self.rigid_motions(), squares[:, :, None]], axis=2)
         return motions * self.free[:, :, None]
@@ -368,7 +366,7 @@ class LinearNetwork:
             """Give what has been found for some nodes to the other ranks that have them."""
             found = np.zeros((network.num_nodes_local, 3))
             found[nodes, :2], found[nodes, 2] = yarn[nodes], 1.0
-            network.exchange.forward(network.exchange.reverse(found))
+            network.halo.share(found)
             told = found[:, 2] > 0
             yarn[told] = found[told, :2] / found[told, 2:]
 
@@ -390,7 +388,7 @@ class LinearNetwork:
             for k in range(4):
                 np.add.at(turn[:, 0], network.arm_node[done, k], rotation[done, k])
                 np.add.at(turn[:, 1], network.arm_node[done, k], 1.0)
-            network.exchange.forward(network.exchange.reverse(turn))
+            network.halo.share(turn)
             new = np.zeros(network.num_nodes_local, bool)
             for e in np.flatnonzero(supports.round_ == number):  # a handful, at sharp corners
                 nodes, length = network.arm_node[e], network.arm_length[e]
@@ -406,9 +404,9 @@ class LinearNetwork:
                 new[nodes[others]] = True
             done |= supports.round_ == number
             tell(np.flatnonzero(new))
-            network.exchange.forward(network.exchange.reverse(new, np.logical_or))
+            network.halo.share(new, np.logical_or)
             known |= new
-        return network.exchange.forward(yarn)
+        return network.halo.forward(yarn)
 
 
 def _largest(matrix: np.ndarray) -> np.ndarray:

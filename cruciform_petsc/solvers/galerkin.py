@@ -14,7 +14,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csr_array
 
-from .csr import Halo, LocalRows, aij, local_rows, sort_rows
+from ..parallel import Halo, send_by_rank
+from .csr import LocalRows, aij, local_rows, sort_rows
 
 
 @dataclass
@@ -166,8 +167,8 @@ def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETS
 def _ghost_rows(comm, rows: LocalRows, corners: Corners):
     """Rows of P of the matrix's ghosts, and the numbers of the corners they hang on. Collective."""
     n = len(rows.pointer) - 1
-    halo = Halo(comm, n, rows.ghost)
-    sent = halo.send
+    halo = Halo.of_numbers(comm, n, rows.ghost)
+    sent = halo.exported
     # A row as a record: cell, weights by code, numbers by code.
     record = np.zeros((len(sent), 26))
     record[:, 14:] = -1
@@ -181,8 +182,7 @@ def _ghost_rows(comm, rows: LocalRows, corners: Corners):
     record[:, :2] = corners.cell[sent] + corners.low
     record[which, 2 + code] = corners.weight[entry]
     record[which, 14 + code] = corners.number[code // 4, corner[:, 0], corner[:, 1]]
-    received = halo.send_records(record)
-    halo.free()
+    received = halo.to_ghosts(record)
     cell = received[:, :2].astype(np.int64) - corners.low
     which, code = np.nonzero(received[:, 14:] >= 0)
     pointer = np.searchsorted(which, np.arange(len(received) + 1))
@@ -197,15 +197,8 @@ def _with_contributions(comm, n, offset, row_number, part, other_number, sent):
     pointer, column, value = sent
     rows = np.repeat(other_number, np.diff(pointer))
     ends = np.cumsum(comm.allgather(n))
-    count = np.bincount(np.searchsorted(ends, rows, side="right"), minlength=comm.size).astype(
-        np.int32
-    )  # rows ascend, so that those of one owner stand together
-    receive = np.empty_like(count)
-    comm.Alltoall(count, receive)
-    places = np.empty((int(receive.sum()), 2), np.int64)
-    values = np.empty(len(places))
-    comm.Alltoallv([np.stack([rows, column], axis=1), 2 * count], [places, 2 * receive])
-    comm.Alltoallv([value, count], [values, receive])
+    owner = np.searchsorted(ends, rows, side="right")
+    places, values = send_by_rank(comm, owner, np.stack([rows, column], axis=1), value)
     length = np.zeros(n, np.int64)  # rows that only others know of are empty here
     length[row_number - offset] = np.diff(part[0])
     pointer = np.concatenate([[0], np.cumsum(length)])

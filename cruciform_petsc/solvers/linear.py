@@ -21,7 +21,6 @@ from .options import (
     reason_name,
     set_from_options,
 )
-from .yarns import YarnSmoother
 
 # Least energy of a motion, over that of the matrix diagonal, of a matrix that is not singular.
 # Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
@@ -90,7 +89,6 @@ class LinearSolver:
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
-        self._smoother: YarnSmoother | None = None
         if kind == "mg":
             # Coarse levels: incomplete factors that are cut between ranks take a second step.
             options.setdefault(STEPS, 1 if matrix.comm.size == 1 else 2)
@@ -122,10 +120,9 @@ class LinearSolver:
             (pc.getMGSmoother(level) if level else pc.getMGCoarseSolve()).setOperators(matrix)
             interpolation.destroy()  # PETSc keeps its own references
             matrix.destroy()
-        self._smoother = hierarchy.smoother
         sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
-        if self._smoother is not None and sweeps > 0 and top:
-            self._smoother.attach(pc, top, sweeps)
+        if hierarchy.smoother is not None and sweeps > 0 and top:
+            hierarchy.smoother.attach(pc, top, sweeps)
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.
@@ -202,9 +199,6 @@ class LinearSolver:
     def destroy(self) -> None:
         """Free the KSP (not the matrix)."""
         self.ksp.destroy()
-        if self._smoother is not None:
-            self._smoother.free()
-            self._smoother = None
 
 
 def _mechanism(sign: str) -> SolverError:

@@ -25,9 +25,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from ..parallel import ask, find_sorted
 from .csr import aij, sort_rows
 from .galerkin import Corners, galerkin
-from .yarns import YarnLines, YarnSmoother
+from .yarns import OnYarns, YarnSmoother
 
 # The smallest weight of a corner of a bilinear cell that has the largest one.
 _STRONG = 0.25 - 1e-9
@@ -58,7 +59,7 @@ class Unknowns:
         Factors of the slopes, per fine pitch.
     owner : callable
         Ranks that own lattice points, int (m, 2) -> int (m,); also of points outside the cloth.
-    lines : YarnLines, optional
+    lines : OnYarns, optional
         On which yarns they lie: for the smoother of the finest level.
     """
 
@@ -66,7 +67,7 @@ class Unknowns:
     values: np.ndarray
     slopes: np.ndarray
     owner: Callable[[np.ndarray], np.ndarray]
-    lines: YarnLines | None = None
+    lines: OnYarns | None = None
 
 
 @dataclass
@@ -251,23 +252,15 @@ def _number(comm, owner, component, point, strong):
     component : int (n_owned,), point : int64 (n_owned, 2)
         This rank's coarse unknowns.
     """
-    order = np.argsort(owner, kind="stable")
-    send = np.bincount(owner, minlength=comm.size).astype(np.int32)
-    receive = np.empty_like(send)
-    comm.Alltoall(send, receive)
-    out = np.column_stack([_pack(component, point), strong])[order]
-    received = np.empty((int(receive.sum()), 2), np.int64)
-    comm.Alltoallv([np.ascontiguousarray(out), 2 * send], [received, 2 * receive])
-    owned = np.unique(received[received[:, 1] > 0, 0])
-    offset = comm.exscan(len(owned)) or 0
-    at = np.searchsorted(owned, received[:, 0])
-    known = at < len(owned)
-    known[known] = owned[at[known]] == received[known, 0]
-    reply = np.where(known, at + offset, -1)
-    answers = np.empty(len(order), np.int64)
-    comm.Alltoallv([reply, receive], [answers, send])
-    number = np.empty(len(order), np.int64)
-    number[order] = answers
+    owned = np.zeros(0, np.int64)
+
+    def numbers(asked: np.ndarray) -> np.ndarray:
+        nonlocal owned
+        owned = np.unique(asked[asked[:, 1] > 0, 0])
+        place = find_sorted(owned, asked[:, 0])
+        return np.where(place >= 0, place + (comm.exscan(len(owned)) or 0), -1)
+
+    number = ask(comm, owner, np.column_stack([_pack(component, point), strong]), numbers)
     return number, *_unpack(owned)
 
 
