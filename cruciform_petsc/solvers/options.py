@@ -15,8 +15,9 @@ from petsc4py import PETSc
 from ..errors import InputError
 
 PREFIX = "cruciform_"
-# Up to here a sparse Cholesky factorisation is the default: planar graphs fill in little, it does
-# not depend on the moduli, and its memory stays below some 2 GiB.
+# Up to here a sparse Cholesky factorisation is the default: planar graphs fill in little, and it
+# finds mechanisms, which an iteration cannot. At 363,000 unknowns it takes 2.4 times as long as the
+# yarn multigrid (1.6 s, with OpenBLAS) and half a GiB; no general iteration is faster.
 DIRECT_LIMIT = 400_000
 
 DIRECT = {
