@@ -31,12 +31,7 @@ def unknowns_of(linear: LinearNetwork) -> Unknowns:
         slopes[warp, 2, 0] = linear.length_scale / pitch[0]
         slopes[~warp, 2, 1] = -linear.length_scale / pitch[1]
     else:
-        # Crossover (i, j) turns by (-1)^(i + j): its arm ends move across their yarns.
-        sign = 1.0 - 2.0 * (np.floor(lattice + 1e-9).sum(axis=1) % 2)
-        length = 2 * abs(lattice - np.round(lattice)).max(axis=1) * pitch[1 - warp]
-        across = np.where(warp[:, None], [0.0, 1.0], [-1.0, 0.0])
-        turned = across * (sign * length / pitch.mean())[:, None]
-        values[:, :2, 2] = np.einsum("nij,nj->ni", frame, turned)
+        values[:, :, 2] = linear.turning_squares()[owned] / (0.5 * pitch.mean())
     values[~linear.free[owned]] = 0.0
     slopes[~linear.free[owned]] = 0.0
 

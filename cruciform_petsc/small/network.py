@@ -274,26 +274,29 @@ class LinearNetwork:
             motion[:, 2, 2] = self.length_scale
         return motion
 
-    def soft_motions(self) -> np.ndarray:
-        """What algebraic multigrid must know of, (n_local, d, 3 or 4), zero where not free.
+    def turning_squares(self) -> np.ndarray:
+        """Motion (n_local, 2), in node frames, that costs nothing without yarn bending. Collective.
 
-        The rigid motions and, without yarn bending, the turning squares: every crossover turns by
-        one angle, its neighbours by the opposite one, and the arm ends between them move across
-        their yarns. Nothing deforms; only clamps, which keep the crossovers beside them from
-        turning, and at a distance shear, withstand it.
+        Every crossover turns by one angle, its neighbours by the opposite one, and the arm ends
+        between them move across their yarns. Nothing deforms; only clamps, which keep the
+        crossovers beside them from turning, and at a distance shear, withstand it.
         """
         network = self.network
-        if self.bending:
-            return self.rigid_motions() * self.free[:, :, None]
         squares = np.zeros((network.num_nodes_local, 2))
         turn = np.where(network.crossover_ij.sum(axis=1) % 2 == 0, 1.0, -1.0)
         for k in range(4):
-            node = network.arm_node[:, k]
             across = network.arm_directions[(k + 1) % 4]
-            squares[node] = (turn * network.arm_length[:, k])[:, None] * across
-        squares = network.halo.forward(squares)
-        squares = np.einsum("nij,nj->ni", self.constraints.frame, squares)
-        motions = np.concatenate([self.rigid_motions(), squares[:, :, None]], axis=2)
+            squares[network.arm_node[:, k]] = (turn * network.arm_length[:, k])[:, None] * across
+        return np.einsum("nij,nj->ni", self.constraints.frame, network.halo.forward(squares))
+
+    def soft_motions(self) -> np.ndarray:
+        """What algebraic multigrid must know of, (n_local, d, 3 or 4), zero where not free.
+
+        The rigid motions and, without yarn bending, the turning squares.
+        """
+        motions = self.rigid_motions()
+        if not self.bending:
+            motions = np.concatenate([motions, self.turning_squares()[:, :, None]], axis=2)
         return motions * self.free[:, :, None]
 
     # -- results --------------------------------------------------------------------------------

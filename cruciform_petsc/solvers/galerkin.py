@@ -92,8 +92,8 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
 
 
 @numba.njit(cache=True)
-def _compress(num_components, component, point, number, stencils, pointer, column, value):
-    """Compressed rows of stencils; with empty ``column`` the pointer only."""
+def _compress(num_components, component, point, number, stencils, column, value):
+    """Columns and values of the rows of stencils, what is not zero."""
     size = 0
     for r in range(len(component)):
         for c in range(num_components):
@@ -102,13 +102,10 @@ def _compress(num_components, component, point, number, stencils, pointer, colum
                     # In the order of the numbers: along the lines of the component.
                     i, j = (a, b) if c == 1 else (b, a)
                     entry = stencils[r, (i * 5 + j) * num_components + c]
-                    if entry == 0.0:
-                        continue
-                    if len(column):
+                    if entry != 0.0:
                         column[size] = number[c, point[r, 0] + i - 2, point[r, 1] + j - 2]
                         value[size] = entry
-                    size += 1
-        pointer[r + 1] = size
+                        size += 1
 
 
 def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETSc.Mat | None:
@@ -142,12 +139,10 @@ def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETS
 
     def compressed(which: np.ndarray):
         """Pointer, columns and values of some rows of the stencils."""
-        begin = np.zeros(len(which) + 1, np.int64)
-        arrays = components, component[which], point[which], number, stencils[which], begin
-        _compress(*arrays, np.zeros(0, np.int64), np.zeros(0))
+        rows = stencils[which]
+        begin = np.concatenate([[0], np.cumsum(np.count_nonzero(rows, axis=1))])
         column, value = np.empty(begin[-1], np.int64), np.empty(begin[-1])
-        if len(column):
-            _compress(*arrays, column, value)
+        _compress(components, component[which], point[which], number, rows, column, value)
         return begin, column, value
 
     row_number = number[component, point[:, 0], point[:, 1]]
@@ -172,12 +167,9 @@ def _ghost_rows(comm, rows: LocalRows, corners: Corners):
     # A row as a record: cell, weights by code, numbers by code.
     record = np.zeros((len(sent), 26))
     record[:, 14:] = -1
-    lengths = np.diff(corners.pointer)[sent]
-    which = np.repeat(np.arange(len(sent)), lengths)
-    entry = np.repeat(corners.pointer[sent], lengths) + (
-        np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    )
-    code = corners.code[entry].astype(np.int64)
+    entries = np.arange(len(corners.code)), corners.code, corners.pointer
+    picked = csr_array(entries, (n, 12))[sent].tocoo()
+    which, code, entry = picked.row, picked.col, picked.data
     corner = corners.cell[sent][which] + np.stack([(code // 2) % 2, code % 2], axis=1)
     record[:, :2] = corners.cell[sent] + corners.low
     record[which, 2 + code] = corners.weight[entry]

@@ -170,7 +170,7 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
     The weights of corners that do not exist go to the others of the same field, so that constants
     are kept. Returns the number of entries.
     """
-    size = 0
+    size, part = 0, np.empty(4)
     for r in range(len(cell)):
         for c in range(3):
             lost, total, first = 0.0, 0.0, size
@@ -183,21 +183,14 @@ def _rows(cell, share, step, values, slopes, number, pointer, column, code, weig
                     if at < 0:
                         lost += value + turn
                         continue
-                    total += 1.0 if turn != 0.0 else abs(value + turn)
+                    part[size - first] = 1.0 if turn != 0.0 else abs(value + turn)
+                    total += part[size - first]
                     column[size], weight[size] = at, value + turn
                     code[size] = 4 * c + 2 * di + dj
                     size += 1
-            if lost == 0.0:
-                continue
-            k = first
-            for di in range(2):
-                for dj in range(2):
-                    _, value, turn = _corner(r, di, dj, c, step, share, values, slopes)
-                    at = number[c, cell[r, 0] + di, cell[r, 1] + dj]
-                    if (value != 0.0 or turn != 0.0) and at >= 0:
-                        own = 1.0 if turn != 0.0 else abs(value + turn)
-                        weight[k] += lost * own / total
-                        k += 1
+            if lost != 0.0:
+                for k in range(first, size):
+                    weight[k] += lost * part[k - first] / total
         pointer[r + 1] = size
     return size
 
