@@ -20,13 +20,13 @@ from . import __version__
 from .calibration.curve import MeasuredCurve, read_curve
 from .case.schema import Case
 from .compare import against_measured, check_measured, load_line
-from .elements.kinematics import net_reach
 from .equilibrium.newton import EquilibriumError, Increment
 from .errors import InputError, SolverError
 from .experiments.bias_extension import BiasExtension
 from .experiments.biaxial import Biaxial
 from .experiments.cantilever import Cantilever
 from .experiments.experiment import Experiment
+from .experiments.net_kinematics import net_reach
 from .experiments.off_axis import OffAxisTension
 from .experiments.pantograph import Pantograph
 from .experiments.picture_frame import PictureFrame

@@ -10,8 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..items.ply import Ply
-from ..solvers.linear import Hierarchy
-from ..solvers.multigrid import Unknowns, hierarchy
+from ..solvers.multigrid import Hierarchy, Unknowns, hierarchy
 from ..solvers.yarns import OnYarns
 from .model import Model
 from .state import Hold
@@ -39,7 +38,7 @@ def holder(ply: Ply) -> Callable[[list], Hold]:
 
 
 def _hierarchy(ply: Ply, matrix: PETSc.Mat) -> Hierarchy:
-    return hierarchy(matrix, ply.network.partition, unknowns_of(ply))
+    return hierarchy(matrix, unknowns_of(ply))
 
 
 def unknowns_of(ply: Ply) -> Unknowns:
@@ -85,5 +84,6 @@ def unknowns_of(ply: Ply) -> Unknowns:
         np.repeat(point, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
+        network.partition.owner,
         OnYarns(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
     )

@@ -18,7 +18,7 @@ from ..elements.level import ENERGY, FORCE, STIFFNESS
 from ..errors import InputError
 from ..items.item import Item
 from ..net.nodes import Nodes
-from ..solvers.linear import Hierarchy
+from ..solvers.multigrid import Hierarchy
 from ..solvers.pattern import BlockPattern
 from .state import Hold, State
 

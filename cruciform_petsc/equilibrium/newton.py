@@ -18,7 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import EquilibriumError, SolverError
-from ..solvers.linear import PREFIX, petsc_options, set_from_options
+from ..solvers.options import PREFIX, petsc_options, set_from_options
 from .model import Model
 from .state import Found, State
 from .tangents import prepare, tangent_settings

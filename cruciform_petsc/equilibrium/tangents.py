@@ -8,14 +8,9 @@ from collections.abc import Callable, Mapping
 from petsc4py import PETSc
 
 from ..errors import SolverError
-from ..solvers.linear import (
-    DIRECT_LIMIT,
-    ITERATIVE,
-    YARN_MULTIGRID,
-    Hierarchy,
-    LinearSolver,
-    near_null_space,
-)
+from ..solvers.linear import LinearSolver
+from ..solvers.multigrid import Hierarchy
+from ..solvers.options import DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
 from .model import Model
 
 # Cholesky of an indefinite matrix: LDL^T, whose negative pivots tell.

@@ -27,7 +27,7 @@ class Supports:
         removal: those that hang on by one arm end without yarn bending (nothing keeps them from
         turning about it), and tips of free corners.
     strain_source, rotation_source : int (n_boundary, 4)
-        See elements.kinematics.arm_rows.
+        See elements.small.arm_rows.
     quadrant_area : float (n_boundary, 4)
         Areas that carry: without quadrants of a yarn that has no arm at its crossover.
     slaved : bool (n_boundary, 4)

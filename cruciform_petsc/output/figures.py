@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..elements.kinematics import net_angle
+from ..experiments.net_kinematics import net_angle
 from ..small.network import MODES
 from . import pictures, scene
 from .pictures import ROUNDING_DEG
