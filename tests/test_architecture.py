@@ -107,7 +107,7 @@ def test_no_circles():
 
 
 def test_who_knows_what():
-    for name, (own, others) in GRAPH.items():
+    for name, (_, others) in GRAPH.items():
         folder = name.split(".")[0]
         if folder != "continuum":
             assert not others & set(DOLFINX), f"{name} imports dolfinx"

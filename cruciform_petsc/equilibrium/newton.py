@@ -18,7 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import EquilibriumError, SolverError
-from ..solvers.options import PREFIX, petsc_options, set_from_options
+from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
 from .state import Found, State
 from .tangents import prepare, tangent_settings
@@ -251,7 +251,7 @@ class Equilibrium:
             raise self._failed(error) from error
         reason = self.snes.getConvergedReason()
         if reason <= 0:
-            name = _reason_name(reason)
+            name = reason_name(reason, PETSc.SNES)
             raise EquilibriumError("no equilibrium found", name, self._history, self._worst())
         end = self._evaluate(self._vector)
         broken = self.model.broken(end.state)
@@ -327,10 +327,3 @@ class Equilibrium:
         at = int(size.argmax()) if len(size) else 0
         here = (float(size[at]) if len(size) else -1.0, nodes.rest[at].tolist())
         return np.array(max(self.model.comm.allgather(here))[1])
-
-
-def _reason_name(reason: int) -> str:
-    for name, value in vars(PETSc.SNES.ConvergedReason).items():
-        if value == reason and name.isupper():
-            return name
-    return str(reason)
