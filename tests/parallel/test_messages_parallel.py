@@ -90,6 +90,18 @@ def test_share(network):
     np.testing.assert_array_equal(values, count[np.searchsorted(every, network.node_key)])
 
 
+def test_every_rank_has_copies_of_all():
+    """Ghosts whose owners take turns, as neighbours on a yarn hardly do, and several copies."""
+    keys = np.arange(4 * COMM.size)
+    owned = keys[keys % COMM.size == COMM.rank]
+    ghost = np.setdiff1d(keys, owned)
+    nodes = DistributedNodes(COMM, owned, ghost[::-1], (ghost % COMM.size)[::-1])
+    local = np.where(np.arange(len(keys)) < 4, nodes.node_key, -1)
+    np.testing.assert_array_equal(nodes.halo.forward(local), nodes.node_key)
+    shared = nodes.halo.share((COMM.rank + 1) * nodes.node_key)
+    np.testing.assert_array_equal(shared, nodes.node_key * sum(range(COMM.size + 1)))
+
+
 def test_nodes_are_found_by_name(network):
     """Owned ones and ghosts; -1 for those of others."""
     local = network.find(network.node_key[::-1])
