@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .case.schema import Case
     from .cloth.fabric import Fabric, YarnFamily
     from .cloth.preform import Preform
+    from .continuum.compare import compare_with_membrane
     from .errors import CruciformError, InputError, SolverError
     from .experiments.bias_extension import BiasExtension
     from .experiments.biaxial import Biaxial
@@ -42,6 +43,7 @@ _HOME = {
     "SolverError": "errors",
     "TestResult": "experiments.result",
     "YarnFamily": "cloth.fabric",
+    "compare_with_membrane": "continuum.compare",
 }
 __all__ = [
     "BiasExtension",
@@ -59,6 +61,7 @@ __all__ = [
     "SolverError",
     "TestResult",
     "YarnFamily",
+    "compare_with_membrane",
 ]
 
 

@@ -20,6 +20,7 @@ from . import __version__
 from .calibration.curve import MeasuredCurve, read_curve
 from .case.schema import Case
 from .compare import against_measured, check_measured, load_line
+from .continuum.compare import Reference
 from .elements.kinematics import net_reach
 from .equilibrium.newton import EquilibriumError, Increment
 from .errors import InputError, SolverError
@@ -45,8 +46,15 @@ from .units import format_si
 
 SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
-# Kinds whose edges do what the membrane's can be told to, and whose load it knows.
-COMPARED = ("bias-extension", "off-axis-tension", "pantograph")
+# Class of each kind of test, and what its table in the case has besides.
+KINDS: dict[str, tuple[type[Experiment], tuple[str, ...]]] = {
+    "bias-extension": (BiasExtension, ("upper", "model")),
+    "biaxial": (Biaxial, ("ratio",)),
+    "cantilever": (Cantilever, ()),
+    "off-axis-tension": (OffAxisTension, ("ends",)),
+    "pantograph": (Pantograph, ()),
+    "picture-frame": (PictureFrame, ()),
+}
 
 
 class Stages:
@@ -146,15 +154,7 @@ def make_experiment(
         "options": case.solver.options,
         key: values,
     }
-    kinds: dict[str, tuple[Callable[..., Experiment], tuple[str, ...]]] = {
-        "bias-extension": (BiasExtension, ("upper", "model")),
-        "biaxial": (Biaxial, ("ratio",)),
-        "cantilever": (Cantilever, ()),
-        "off-axis-tension": (OffAxisTension, ("ends",)),
-        "pantograph": (Pantograph, ()),
-        "picture-frame": (PictureFrame, ()),
-    }
-    make, more = kinds[test.kind]
+    make, more = KINDS[test.kind]
     return make(network, **options, **{name: getattr(test, name) for name in more})
 
 
@@ -277,15 +277,9 @@ def _run_case(
     membranes: list = []
     if failure is None and (case.continuum.compare or case.continuum.ladder):
         try:
-            membranes = _compare(case, stages, result, without, summary, directory)
-            if case.continuum.ladder:
-                rungs = _ladder(comm, case, stages, result, membranes[-1])
-                summary["continuum"]["ladder"] = rungs
-                tables.write_csv(
-                    comm,
-                    directory / "ladder.csv",
-                    {key: [rung[key] for rung in rungs] for key in rungs[0]},
-                )
+            reference = _solve_reference(case, stages, result, without, summary, directory)
+            membranes = reference.membranes
+            _climb_ladder(case, stages, reference, summary, directory)
         except SolverError as error:
             failure = error
             summary.setdefault("continuum", {})["failed"] = str(error)
@@ -491,10 +485,11 @@ def _check_comparison(case: Case) -> None:
     if not asked:
         return
     kind = case.test.kind
-    if kind not in COMPARED:
+    compared = [name for name, (made, _) in KINDS.items() if made.reference]
+    if kind not in compared:
         raise InputError(
             f'continuum.{asked[0]}: there is no membrane to compare test.kind = "{kind}" with '
-            f"(there is for {', '.join(COMPARED)}), leave it out"
+            f"(there is for {', '.join(compared)}), leave it out"
         )
     if getattr(case.test, "ends", "grip") == "free":
         raise InputError(
@@ -612,11 +607,6 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
     return summary
 
 
-def _all_stable(found: list[bool | None]) -> bool | None:
-    """Whether all states are stable; None if that is not known of each."""
-    return None if None in found else all(found)
-
-
 def _largest_tension(result: TestResult) -> dict[str, Any]:
     """Largest tension of a yarn in the last state, and where (at rest). Collective.
 
@@ -720,109 +710,39 @@ def _write_nothing_but_increments(comm, case, directory, stages, progress, failu
     tables.write_json(comm, directory / "summary.json", summary)
 
 
-def _compare(case, stages: Stages, result, without, summary, directory: Path) -> list:
-    """Solve the membrane and compare; returns its result for each state. Collective.
-
-    At small displacements, where all states are in proportion, only the last one's.
-    """
+def _solve_reference(case: Case, stages: Stages, result, without, summary, directory) -> Reference:
+    """Solve the membranes beside a test and compare. Collective."""
+    which = "dolfinx membrane"
     if case.test.finite:
-        return _compare_finite(case, stages, result, summary, directory)
-    with stages.stage("continuum", "dolfinx membrane solved and compared"):
-        membrane = result.membrane(case.continuum.mesh_size_si)
-        comparison = result.compare_with_membrane(membrane)
-        summary["continuum"] = {
-            **comparison.as_dict(),
-            "load_n": membrane.load,
-            "energy_j": membrane.energy,
-            "dofs": membrane.dofs,
-            "cells": membrane.cells,
-            "mesh_size_m": membrane.size,
-        }
-        if without is not None:
-            fair = without.compare_with_membrane(membrane)
-            summary["continuum"]["without_bending"] = fair.as_dict()
-    return [membrane]
+        order = "second-gradient" if case.second_gradient else "hyperelastic"
+        which = f"{order} membrane in dolfinx"
+    with stages.stage("continuum", f"{which} solved and compared"):
+        reference = Reference.solve(result, case.continuum.mesh_size_si, case.second_gradient)
+        summary["continuum"] = reference.summary(without)
+        table = reference.table()
+        if table:
+            tables.write_csv(result.network.comm, directory / "continuum.csv", table)
+    return reference
 
 
-def _compare_finite(case, stages: Stages, result, summary, directory: Path) -> list:
-    from .continuum.hyperelastic import HyperelasticMembrane
-
-    network, experiment = result.network, result.experiment
-    which = "second-gradient membrane" if case.second_gradient else "hyperelastic membrane"
-    with stages.stage("continuum", f"{which} in dolfinx solved and compared"):
-        reference = HyperelasticMembrane(
-            network.comm,
-            network.preform,
-            network.fabric,
-            case.continuum.mesh_size_si,
-            bending=case.second_gradient,
-        )
-        membranes = reference.solve_bias_extension(result.extensions.tolist(), experiment.upper)
-        energy = sum(result.energies().values())
-        compared = [
-            _compare_state(result, i, float(energy[i]), membrane).as_dict()
-            for i, membrane in enumerate(membranes)
-        ]
-        columns = {key: [row[key] for row in compared] for key in compared[0]}
-        columns["load_n"] = [membrane.load for membrane in membranes]
-        columns["energy_j"] = [membrane.energy for membrane in membranes]
-        columns["newton_iterations"] = [membrane.newton_iterations for membrane in membranes]
-        summary["continuum"] = {name: _values(case, column) for name, column in columns.items()} | {
-            "second_gradient": case.second_gradient,
-            "stable": _all_stable([membrane.stable for membrane in membranes]),
-            "dofs": membranes[-1].dofs,
-            "cells": membranes[-1].cells,
-            "mesh_size_m": membranes[-1].size,
-        }
-        tables.write_csv(
-            network.comm,
-            directory / "continuum.csv",
-            {
-                "extension_mm": 1e3 * result.extensions,
-                "load_network_N": result.loads,
-                "load_membrane_N": columns["load_n"],
-                "load_ratio": columns["load_ratio"],
-                "mean_abs_shear_difference_deg": columns["mean_abs_shear_deg"],
-            },
-        )
-    return membranes
-
-
-def _compare_state(result: TestResult, i: int, energy: float, membrane: Any) -> Any:
-    """Differences of one state to the membrane at the crossovers. Collective."""
-    from .continuum.compare import compare_fields
-
-    state, network = result.states[i], result.network
-    carrying = state.fields["carrying"]
-    return compare_fields(
-        network.comm,
-        network.crossover_position[carrying],
-        state.fields["displacement"][carrying],
-        state.fields["shear_angle"][carrying],
-        state.load,
-        energy,
-        membrane,
-    )
-
-
-def _ladder(comm, case: Case, stages: Stages, result, membrane) -> list[dict]:
-    """Networks of the same fabric, finer and finer, against one membrane. Collective.
+def _climb_ladder(case: Case, stages: Stages, reference: Reference, summary, directory) -> None:
+    """Compare networks of the same fabric, finer and finer, with one membrane. Collective.
 
     With yarn bending only where the membrane has it, so that the difference can vanish.
     """
-    rungs = []
+    result = reference.result
+    comm = result.network.comm
     controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
+    rungs = []
     for refine in case.continuum.ladder or ():
         with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
             network = Network(comm, case.preform(refine=refine), case.fabric())
-            rung = make_experiment(
-                case, network, bending=case.second_gradient, controls=controls
-            ).solve()
-            comparison = rung.compare_with_membrane(membrane)
-        rungs.append(
-            {"refine": refine, "crossovers": network.num_crossovers_global} | comparison.as_dict()
-        )
-    return rungs
+            finer = make_experiment(case, network, bending=case.second_gradient, controls=controls)
+            rungs.append({"refine": refine} | reference.rung(finer))
+    if rungs:
+        summary["continuum"]["ladder"] = rungs
+        columns = {key: [rung[key] for rung in rungs] for key in rungs[0]}
+        tables.write_csv(comm, directory / "ladder.csv", columns)
 
 
 def _tell(log: logging.Logger, summary: dict, result: TestResult, directory: Path) -> None:

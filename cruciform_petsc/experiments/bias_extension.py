@@ -40,6 +40,7 @@ class BiasExtension(Experiment):
 
     kind = "bias-extension"
     has_zones = True
+    reference = "gripped"
 
     def __init__(
         self,
@@ -105,26 +106,6 @@ class BiasExtension(Experiment):
             return None
         width, length = sides
         return length - width if length >= 2.0 * width * (1 - 1e-9) else None
-
-    def membrane(self, result: TestResult, size: float | None = None) -> Any:
-        """The membrane under the last extension (dolfinx). Collective."""
-        if self.finite:
-            return self.finite_membranes(result, size)[-1]
-        from ..continuum.membrane import Membrane
-
-        reference = Membrane(self.network.comm, self.network.preform, self.network.fabric, size)
-        return reference.solve_bias_extension(result.extension, self.upper)
-
-    def finite_membranes(self, result: TestResult, size: float | None = None) -> list:
-        """The hyperelastic membrane at every state of a finite test (dolfinx). Collective."""
-        from ..continuum.hyperelastic import HyperelasticMembrane
-
-        network = self.network
-        reference = HyperelasticMembrane(
-            network.comm, network.preform, network.fabric, size, bending=self.bending
-        )
-        extensions = [float(value) for value in result.extensions]
-        return reference.solve_bias_extension(extensions, self.upper)
 
     def _solve_separately(self) -> TestResult:
         network = self.network

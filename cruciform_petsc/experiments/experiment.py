@@ -86,6 +86,10 @@ class Experiment:
     column = ("extension_mm", 1e-3)
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
     has_zones = False
+    # How the continuum beside it is held (continuum.compare): "gripped", pulled at the upper edge
+    # like a bias test; "free", of which there is none; "" where nothing compares.
+    reference = ""
+    upper = "grip"
 
     def __init__(
         self,

@@ -7,16 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
 from ..net.lattice import SHORTEST_ARM
 from ..small.network import MODES
 
 if TYPE_CHECKING:
-    from ..continuum.compare import Comparison
     from ..equilibrium.newton import Increment
     from ..net.network import Network
     from ..net.supports import Supports
@@ -305,32 +303,6 @@ class TestResult:
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
-
-    # -- the continuum ----------------------------------------------------------------------------
-
-    def membrane(self, size: float | None = None) -> Any:
-        """The continuum with the same outline, edges and last value (dolfinx). Collective."""
-        membrane = getattr(self.experiment, "membrane", None)
-        if membrane is None:
-            raise InputError(f"there is no continuum to compare a {self.experiment.kind} test with")
-        return membrane(self, size)
-
-    def compare_with_membrane(self, membrane: Any = None) -> Comparison:
-        """Differences to the continuum at the crossovers, last value. Collective."""
-        from ..continuum.compare import compare_fields
-
-        membrane = membrane or self.membrane()
-        carrying = self.fields["carrying"]
-        energy = sum(value[-1] for value in self.energies().values())
-        return compare_fields(
-            self.network.comm,
-            self.network.crossover_position[carrying],
-            self.fields["displacement"][carrying],
-            self.fields["shear_angle"][carrying],
-            self.load,
-            energy,
-            membrane,
-        )
 
     # -- files ------------------------------------------------------------------------------------
 
