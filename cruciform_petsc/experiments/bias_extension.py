@@ -11,9 +11,9 @@ from ..elements.kinematics import net_reach
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..quantities import si_text
 from ..small.network import LinearNetwork
 from ..small.separate import solve_separately
-from ..units import format_si
 from .experiment import PULL, Experiment, Grip
 from .result import State, TestResult
 
@@ -40,6 +40,7 @@ class BiasExtension(Experiment):
 
     kind = "bias-extension"
     has_zones = True
+    cut_across = True
     reference = "gripped"
 
     def __init__(
@@ -91,10 +92,9 @@ class BiasExtension(Experiment):
         told = super().check()
         gauge = self.net_gauge()
         if gauge is not None:
-            reach = format_si(float(f"{net_reach(gauge):.4g}"), "m")
             told.append(
-                f"yarns that do not stretch lie along the pull at an extension of {reach}: beyond, "
-                "they carry the load"
+                "yarns that do not stretch lie along the pull at an extension of "
+                f"{si_text(net_reach(gauge), 'm')}: beyond, they carry the load"
             )
         return told
 

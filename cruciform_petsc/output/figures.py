@@ -10,37 +10,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..elements.kinematics import net_angle
+from ..quantities import force_unit, quantity
 from ..small.network import MODES
-from . import pictures, scene
+from . import pictures
+from . import scene as scenes
 from .pictures import ROUNDING_DEG
 from .sample import YarnSample, sample_map, sample_yarns
+from .summary import ROUNDING_N
 
 if TYPE_CHECKING:
     from ..calibration.curve import MeasuredCurve
-    from ..experiments.experiment import Experiment
     from ..experiments.result import State, TestResult
     from ..net.network import Network
 
-# What a unit in a column's name looks like in a log.
-UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
 EDGES = {
     "biaxial": ("lower", "upper", "left", "right"),
     "picture-frame": ("lower", "upper", "left", "right"),
     "cantilever": ("lower",),
 }
-ROUNDING_N = 1e-9  # tensions of yarns below are none
-SMALL_LOAD = 0.1  # N; loads below are told in mN
 STAGES = 4  # states side by side
-
-
-def control_text(experiment: Experiment, control: float) -> str:
-    """Write a control for people: "extension 10 mm"."""
-    name, size = experiment.column
-    what, _, unit = name.rpartition("_")
-    if unit == "N" and abs(control) < SMALL_LOAD:
-        size, unit = 1e-3, "mN"
-    what = "warp strain" if what == "strain_warp" else what
-    return f"{what} {control / size:.4g} {UNITS[unit]}"
 
 
 def draw_all(
@@ -95,10 +83,10 @@ def draw_all(
             pictures.shear_against_load(
                 comm,
                 file("shear_against_load.png"),
-                curve["load_N"] / _load_unit(result.loads)[1],
+                curve["load_N"] / force_unit(result.loads)[1],
                 curve["shear_centre_deg"],
                 curve["shear_max_deg"],
-                xlabel=f"load ({_load_unit(result.loads)[0]})",
+                xlabel=f"load ({force_unit(result.loads)[0]})",
                 title=title,
             )
         _draw_centre_line(file("centre_line.png"), result, without, membrane, title)
@@ -159,13 +147,23 @@ def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSam
     return sample
 
 
+def plot(result: TestResult, path: str | Path) -> None:
+    """Draw the yarns before and after, coloured by shear angle, as a PNG. Collective."""
+    draw_yarns(path, result)
+
+
+def scene(result: TestResult, path: str | Path) -> None:
+    """Draw the woven yarns in space, coloured by shear angle, as a PNG. Collective."""
+    draw_scene(path, result)
+
+
 def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
     """Draw up to four states side by side, in true scale and with one colour scale. Collective."""
     count = min(STAGES, len(result.states))
     chosen = np.unique(np.linspace(0, len(result.states) - 1, count).round().astype(int))
     panels = []
     for state in (result.states[i] for i in chosen):
-        name = control_text(result.experiment, state.control).replace(" deg", "°")
+        name = result.experiment.column.text(state.control).replace(" deg", "°")
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         sample = sample_yarns(result.network, state.node_displacement, state.fields)
         panels.append((name + load, sample, _clamps(result, state)))
@@ -175,7 +173,7 @@ def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
 def draw_scene(path: str | Path, result: TestResult, title: str = "") -> None:
     """Draw the yarns of the last state in space, woven. Collective."""
     network = result.network
-    scene.woven(
+    scenes.woven(
         network.comm,
         path,
         _yarns(result),
@@ -224,7 +222,7 @@ def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Control (in the axis' unit), load (N) and energies (J; (n, 3)) all along the test."""
     size = result.experiment.column[1]
     if result.experiment.control == "load":
-        size = _load_unit(result.loads)[1]
+        size = force_unit(result.loads)[1]
     if result.experiment.finite and result.increments:
         control = [increment.control for increment in result.increments]
         load = [increment.load for increment in result.increments]
@@ -235,27 +233,17 @@ def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _axis_label(result: TestResult) -> str:
-    name = result.experiment.column[0]
-    unit, _ = _load_unit(result.loads)
-    labels = {
-        "extension_mm": "extension (mm)",
-        "angle_deg": "shear angle of the frame (°)",
-        "strain_warp_percent": "warp strain (%)",
-        "load_N": f"load ({unit})",
-    }
-    return labels[name]
-
-
-def _load_unit(loads: np.ndarray) -> tuple[str, float]:
-    """Unit that loads are drawn in, and its size in N."""
-    return ("N", 1.0) if np.abs(loads).max(initial=0.0) >= SMALL_LOAD else ("mN", 1e-3)
+    column = result.experiment.column
+    if column.unit == "N":
+        return f"{column.label} ({force_unit(result.loads)[0]})"
+    return column.axis
 
 
 def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> None:
     """The load, or what stands for it, against the control."""
     comm, experiment = result.network.comm, result.experiment
     control, load, _ = _path(result)
-    unit, newton = _load_unit(load)
+    unit, newton = force_unit(load)
     asked = result.controls / experiment.column[1]
     if experiment.kind == "biaxial":
         curve = result.curve()
@@ -267,7 +255,7 @@ def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> No
         }  # fmt: skip
         pictures.curves(
             comm, file("tension_against_strain.png"), curves,
-            ("warp strain (%)", "tension (N/cm)"), title,
+            (experiment.column.axis, "tension (N/cm)"), title,
         )  # fmt: skip
     elif experiment.kind == "cantilever":
         curve = result.curve()
@@ -279,7 +267,7 @@ def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> No
             curves["measured, across"] = (1e3 * measured.displacement, measured.force / newton)
         pictures.curves(
             comm, file("load_against_deflection.png"), curves,
-            ("deflection of the loaded edge (mm)", f"load ({unit})"), title,
+            (quantity("tip_across_mm").axis, f"load ({unit})"), title,
         )  # fmt: skip
     else:
         others = {}
@@ -300,7 +288,7 @@ def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> No
                 comm, file("load_against_crosshead.png"), curve["crosshead_mm"],
                 curve["load_N"] / newton,
                 points={"measured": (1e3 * measured.displacement, measured.force / newton)},
-                xlabel="displacement of the crosshead (mm)", ylabel=f"load ({unit})", title=title,
+                xlabel=quantity("crosshead_mm").axis, ylabel=f"load ({unit})", title=title,
             )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.run import _solver
+from cruciform_petsc.output.summary import solver_figures
 
 DEGREE = np.pi / 180
 
@@ -264,7 +264,7 @@ def test_solver_types_are_told(options, types):
     """Those that were used, whatever the number of unknowns would have called for."""
     result = BiasExtension(network(BIAS), "0.1 mm", finite=True, options=options).solve()
     assert result.solver_types == {"snes": "newtonls", "ksp": types[0], "pc": types[1]}
-    assert result.solver_types.items() <= _solver(result).items()
+    assert result.solver_types.items() <= solver_figures(result).items()
 
 
 def _unbent():

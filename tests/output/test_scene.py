@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, Preform
-from cruciform_petsc.output import scene
+from cruciform_petsc.output import figures, scene
 from cruciform_petsc.output.figures import to_lattice
 from cruciform_petsc.output.pictures import _angle_colours
 from cruciform_petsc.output.sample import sample_yarns
@@ -61,7 +61,7 @@ def test_plain_weave(result, limit):
 
 def test_picture(result, tmp_path):
     """White margins, and yarns of all angles from dark blue to yellow."""
-    result.scene(tmp_path / "scene.png")
+    figures.scene(result, tmp_path / "scene.png")
     image = imread(tmp_path / "scene.png")[..., :3]
     assert max(image.shape[:2]) > 1000
     assert image[0].min() == 1.0
@@ -93,5 +93,5 @@ def test_nothing_can_render(result, tmp_path, monkeypatch):
     """One sentence, and no picture left behind."""
     monkeypatch.setattr(scene.sys, "executable", "/bin/false")
     with pytest.raises(InputError, match="needs PyVista and a VTK that draws without a display"):
-        result.scene(tmp_path / "scene.png")
+        figures.scene(result, tmp_path / "scene.png")
     assert not list(tmp_path.iterdir())
