@@ -416,9 +416,10 @@ def compare_command(
     label = NAMES.get(told["over"], told["over"])
     labels = _labels(a, b)
     shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
-    pictures.overlaid(
+    pictures.save(
         comm,
         folder / "comparison.png",
+        pictures.overlaid,
         [
             (
                 (label, _axis(name)),

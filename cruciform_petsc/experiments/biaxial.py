@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
-from .experiment import Experiment, Grip
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
 
 
@@ -32,6 +32,8 @@ class Biaxial(Experiment):
     control = "strain"
     unit = "1"
     column = ("strain_warp_percent", 0.01)
+    clamps = ("lower", "upper", "left", "right")
+    shears = False
 
     def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):
         super().__init__(network, strain, **options)
@@ -83,3 +85,14 @@ class Biaxial(Experiment):
         """Force that does the work of both directions on the warp's own extension, N."""
         length = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
         return work / float(length[self._warp_axis])
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """Tension of both families."""
+        strain = columns["strain_warp_percent"]
+        lines = {
+            "warp": (strain, columns["tension_warp_N_per_cm"]),
+            f"weft, strain {self.ratio:.3g} of the warp's": (
+                strain, columns["tension_weft_N_per_cm"],
+            ),
+        }  # fmt: skip
+        return "tension_against_strain", ("warp strain (%)", "tension (N/cm)"), lines

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
-from .experiment import Experiment, Grip
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
 
 
@@ -30,6 +30,7 @@ class Cantilever(Experiment):
     control = "load"
     unit = "N"
     column = ("load_N", 1.0)
+    clamps = ("lower",)
 
     def __init__(self, network: Network, load: Any, **options: Any):
         super().__init__(network, load, **options)
@@ -68,3 +69,12 @@ class Cantilever(Experiment):
         """Where the loaded edge has gone."""
         tip = 1e3 * self.tip(result)
         return {"tip_across_mm": tip[:, 0], "tip_along_mm": tip[:, 1]}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """The load against where its edge has gone."""
+        lines = {
+            "across": (columns["tip_across_mm"], columns["load_N"]),
+            "along, towards the clamp": (-columns["tip_along_mm"], columns["load_N"]),
+        }
+        labels = "deflection of the loaded edge (mm)", "load (N)"
+        return "load_against_deflection", labels, lines

@@ -32,6 +32,9 @@ from .result import State, TestResult
 if TYPE_CHECKING:
     from ..output.checkpoint import Checkpoint
 
+# A picture's name, the labels of its axes ("load (N)" for newtons), and its lines by label.
+DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
+
 PULL = np.array([0.0, 1.0])
 # Bytes per crossover while a system is solved. Measured with CG at small displacements: 6400 and,
 # with yarns that bend, 9000; other ways take more. These are lower, so that nothing is refused that
@@ -86,6 +89,9 @@ class Experiment:
     column = ("extension_mm", 1e-3)
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
     has_zones = False
+    # Pictures: edges that are drawn as bars; whether the cloth shears, or tensions are what to see.
+    clamps: tuple[str, ...] = ("lower", "upper")
+    shears = True
 
     def __init__(
         self,
@@ -150,6 +156,10 @@ class Experiment:
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Further figures for the summary. Collective."""
         return {}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves | None:
+        """What is drawn of the curve's columns in place of the load against the control."""
+        return None
 
     def reference_control(self) -> float:
         """A control of a sensible size: for small displacements, and for first guesses."""

@@ -46,6 +46,8 @@ class OffAxisTension(BiasExtension):
         super().__init__(network, extension, load, **options)
         self.ends = ends
         self.has_zones = ends == "grip"  # no clamp, no zones
+        if ends == "free":
+            self.clamps = ()
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""

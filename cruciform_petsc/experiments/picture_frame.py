@@ -38,6 +38,7 @@ class PictureFrame(Experiment):
     control = "angle"
     unit = "rad"
     column = ("angle_deg", np.pi / 180.0)
+    clamps = EDGES
 
     def __init__(self, network: Network, angle: Any, **options: Any):
         super().__init__(network, angle, **options)

@@ -336,15 +336,15 @@ class TestResult:
 
     def plot(self, path: str) -> None:
         """Draw the yarns before and after, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import draw_yarns
+        from ..output.figures import plot
 
-        draw_yarns(path, self)
+        plot(self, path)
 
     def scene(self, path: str | Path) -> None:
         """Draw the woven yarns in space, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import draw_scene
+        from ..output.figures import scene
 
-        draw_scene(path, self)
+        scene(self, path)
 
     def export(
         self, folder: str | Path, index: int = -1, hold: str = "fibre volume fraction"

@@ -7,8 +7,9 @@ and every k-th crossover along it, or blocks of k x k crossovers are averaged.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from ..net.network import Network
 YARN_LIMIT = 3_000  # crossovers whose yarns can still be told apart on a page
 MAP_LIMIT = 20_000  # cells that can
 
+T = TypeVar("T")
+
 
 @dataclass
 class YarnSample:
@@ -24,10 +27,10 @@ class YarnSample:
 
     Attributes
     ----------
-    before, displacement : float (n, 2)
-        Metres.
-    shear_angle_deg : float (n,)
-        NaN where a crossover carries nothing. Or what `sample_yarns` was given in its place.
+    before, after : float (n, 2)
+        Places at rest and now, metres.
+    values : float (n,)
+        Of the points, for their colours; NaN where a crossover carries nothing.
     family : int8 (n,)
         0 warp, 1 weft.
     first : int64 (m,)
@@ -36,22 +39,15 @@ class YarnSample:
         One in so many yarns was taken.
     spacing : float
         Mean distance between those, metres.
-    outline : list of float (k, 2)
-        Closed rings before the deformation, metres: the exterior, then the holes.
     """
 
     before: np.ndarray
-    displacement: np.ndarray
-    shear_angle_deg: np.ndarray
+    after: np.ndarray
+    values: np.ndarray
     family: np.ndarray
     first: np.ndarray
     every: int
     spacing: float
-    outline: list[np.ndarray]
-
-    def after(self, scale: float = 1.0) -> np.ndarray:
-        """Deformed positions, displacement times ``scale``; (n, 2) in metres."""
-        return self.before + scale * self.displacement
 
     @property
     def segment(self) -> np.ndarray:
@@ -112,7 +108,7 @@ def sample_yarns(
     limit : int
         Each family's yarns are taken with at most so many crossovers.
     values : two of float (n,), optional
-        Of warp and weft at the crossovers, to be taken in place of the shear angle.
+        Of warp and weft at the crossovers; by default the shear angle in degrees, of both.
 
     Returns
     -------
@@ -123,21 +119,22 @@ def sample_yarns(
     hinge = np.column_stack([network.crossover_position, fields["displacement"], *values])
     means = [node_means(network, value) for value in values]
     node = np.column_stack([network.node_position, node_displacement, *means])
-    every = _stride(network, limit)
-    while True:
-        taken = [_places(network, family, every) for family in (0, 1)]
-        largest = [network.comm.allreduce(len(rows)) for rows, *_ in taken]
-        if every == 1 or max(largest) <= limit:
-            break
-        every += 1 + every // 4
+
+    def take(every: int):
+        families = [_places(network, family, every) for family in (0, 1)]
+        return families, [len(rows) for rows, *_ in families]
+
+    families, every = _thinned(network, limit, take)
     parts = []
-    for family, (hinges, place, starts, nodes, node_place, node_starts) in enumerate(taken):
+    for family, (rows, place, start, nodes, node_rows, node_place, node_start) in enumerate(
+        families
+    ):
         line = network.crossover_ij[:, 1 - family]
-        for points, rows, at, start in (
-            (hinge[hinges], hinges, place, starts),
-            (node[nodes[0]], nodes[1], node_place, node_starts),
+        for points, at, along, begins in (
+            (hinge[rows], rows, place, start),
+            (node[nodes], node_rows, node_place, node_start),
         ):
-            key = [np.full(len(rows), family), line[rows], at, start]
+            key = [np.full(len(at), family), line[at], along, begins]
             parts.append(np.column_stack([*key, points[:, [0, 1, 2, 3, 4 + family]]]))
     gathered = network.comm.gather(np.concatenate(parts))
     if gathered is None:
@@ -146,13 +143,12 @@ def sample_yarns(
     table = table[np.lexsort((table[:, 2], table[:, 1], table[:, 0]))]
     return YarnSample(
         before=table[:, 4:6],
-        displacement=table[:, 6:8],
-        shear_angle_deg=table[:, 8],
+        after=table[:, 4:6] + table[:, 6:8],
+        values=table[:, 8],
         family=table[:, 0].astype(np.int8),
         first=np.flatnonzero(table[:, 3]),
         every=every,
         spacing=every * float(network.pitch.mean()),
-        outline=_rings(network),
     )
 
 
@@ -164,7 +160,7 @@ def _places(network: Network, family: int, every: int):
     rows, place, start
         Crossovers, their places along the yarn in quarters of a pitch (as in Network.node_key) and
         whether a yarn begins there.
-    (node, row), place, start
+    node, row, place, start
         The same for arm ends: local nodes and the crossovers they belong to.
     """
     ij = network.crossover_ij.astype(np.int64)
@@ -183,7 +179,7 @@ def _places(network: Network, family: int, every: int):
     node_place = np.concatenate([4 * along[at] + shift for _, at, shift, _ in ends])
     node_start = np.concatenate([np.full(len(at), start) for _, at, _, start in ends])
     start = ~(before | has_before)[rows]
-    return rows, 4 * along[rows], start, (node, node_row), node_place, node_start
+    return rows, 4 * along[rows], start, node, node_row, node_place, node_start
 
 
 def sample_map(
@@ -210,25 +206,25 @@ def sample_map(
     given = given.reshape(len(ij), len(values))
     good = np.isfinite(given)
     columns = np.column_stack([np.ones(len(ij)), cut, good, np.where(good, given, 0.0)])
-    every = _stride(network, limit)
-    while True:
+
+    def take(every: int):
         block, total = _summed(ij // every, columns)
-        if every == 1 or network.comm.allreduce(len(block)) <= limit:
-            break
-        every += 1 + every // 4
-    gathered = network.comm.gather((block, total))
+        return (block, total), [len(block)]
+
+    own, every = _thinned(network, limit, take)
+    gathered = network.comm.gather(own)
     if gathered is None:
         return None
     block, total = _summed(*(np.concatenate(part) for part in zip(*gathered, strict=True)))
     count, sums = np.split(total[:, 2:], 2, axis=1)
     mean = np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
-    sides = network.pitch[:, None] * network.preform.rotation
+    sides, outline = network.pitch[:, None] * network.preform.rotation, network.preform.outline
     return MapSample(
         centre=(every * block + 0.5 * (every - 1)) @ sides + network.preform.lattice_origin,
         sides=every * sides,
         values=dict(zip(values, mean.T, strict=True)),
         at_outline=(total[:, 0] < every**2) | (total[:, 1] > 0),
-        outline=_rings(network),
+        outline=[np.asarray(ring.coords)[:, :2] for ring in (outline.exterior, *outline.interiors)],
     )
 
 
@@ -256,11 +252,16 @@ def node_means(network: Network, values: np.ndarray) -> np.ndarray:
     return np.divide(total[:, 0], total[:, 1], out=mean, where=total[:, 1] > 0)
 
 
-def _stride(network: Network, limit: int) -> int:
-    """Smallest k such that k-th crossovers of k-th yarns can be within the limit."""
-    return max(1, int(np.ceil(np.sqrt(network.num_crossovers_global / limit))))
+def _thinned(
+    network: Network, limit: int, take: Callable[[int], tuple[T, list[int]]]
+) -> tuple[T, int]:
+    """Take every k-th of something, k large enough that no count is beyond the limit. Collective.
 
-
-def _rings(network: Network) -> list[np.ndarray]:
-    outline = network.preform.outline
-    return [np.asarray(r.coords)[:, :2] for r in (outline.exterior, *outline.interiors)]
+    ``take(k)`` gives what is taken and this rank's counts; returns what was taken, and k.
+    """
+    every = max(1, int(np.ceil(np.sqrt(network.num_crossovers_global / limit))))
+    while True:
+        taken, counts = take(every)
+        if network.comm.allreduce(np.array(counts)).max() <= limit or every == 1:
+            return taken, every
+        every += 1 + every // 4
