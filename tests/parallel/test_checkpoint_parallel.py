@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
+from output.test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.equilibrium.finite import FiniteNetwork

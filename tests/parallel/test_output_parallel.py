@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
-from test_output import read_vtkhdf, times_of
+from support.vtkhdf import read_vtkhdf, times_of
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
