@@ -33,7 +33,7 @@ class Biaxial(Experiment):
     unit = "1"
     column = ("strain_warp_percent", 0.01)
     clamps = ("lower", "upper", "left", "right")
-    shears = False
+    colour = "tension"
 
     def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):
         super().__init__(network, strain, **options)

@@ -89,9 +89,9 @@ class Experiment:
     column = ("extension_mm", 1e-3)
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
     has_zones = False
-    # Pictures: edges that are drawn as bars; whether the cloth shears, or tensions are what to see.
+    # What the yarns' picture is coloured by, and the edges that are drawn as bars.
+    colour = "shear angle"
     clamps: tuple[str, ...] = ("lower", "upper")
-    shears = True
 
     def __init__(
         self,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..elements.kinematics import net_angle
+from ..parallel import least, most
 from ..small.network import MODES
 from . import pictures
 from .sample import sample_map, sample_yarns
@@ -133,7 +134,7 @@ def figures(
         angle = membranes[-1].evaluate(places)["shear_angle"]
     drawn: Drawn = {"yarns.png": _yarns(result, title)}
     # Of a cloth that does not shear there is nothing to see but its curve.
-    if len(result.states) > 1 and experiment.finite and experiment.shears:
+    if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
         drawn["stages.png"] = _stages(result, title)
     drawn |= _loads(result, membranes, title, measured)
     if experiment.finite:
@@ -169,7 +170,7 @@ def _panel(title: str, result: TestResult, state: State, values=None) -> tuple[s
 
 def _yarns(result: TestResult, title: str) -> partial[Figure]:
     values, label = None, pictures.ANGLE_LABEL
-    if not result.experiment.shears:
+    if result.experiment.colour == "tension":
         values, label = list(_tensions(result).values()), "tension (N per yarn)"
     panel = _panel("", result, result.states[-1], values)
     return partial(pictures.yarns, [panel], title, label=label)
@@ -389,21 +390,20 @@ def _maps(
 
 
 def uniform_text(
-    comm, what: str, values: dict[str, np.ndarray], least: float, unit: str
+    comm, what: str, values: dict[str, np.ndarray], rounding: float, unit: str
 ) -> str | None:
     """Tell the values of maps that are the same all over, None if one is not. Collective.
 
-    To 1e-6 of their size, or to ``least``.
+    To 1e-6 of their size, or to ``rounding``.
     """
     told = []
     for name, value in values.items():
         good = value[np.isfinite(value)]
-        low = min(comm.allgather(float(good.min(initial=np.inf))))
-        high = max(comm.allgather(float(good.max(initial=-np.inf))))
-        if high - low > max(1e-6 * max(-low, high), least):
+        low, high = least(comm, good), most(comm, good)
+        if high - low > max(1e-6 * max(-low, high), rounding):
             return None
         middle = 0.5 * (low + high)
-        shown = f"{0.0 if abs(middle) < least else middle:.4g}{unit}"
+        shown = f"{0.0 if abs(middle) < rounding else middle:.4g}{unit}"
         told.append(shown if len(values) == 1 else f"{name} {shown}")
     return f"{what}: uniform, {', '.join(told)}."
 
