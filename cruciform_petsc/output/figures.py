@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from ..calibration.curve import MeasuredCurve
     from ..experiments.experiment import Experiment
     from ..experiments.result import State, TestResult
-    from ..net.network import Network
 
 # What a unit in a column's name looks like in a log.
 UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
@@ -90,11 +89,9 @@ def scene(result: TestResult, path: str | Path, title: str = "") -> None:
     InputError
         On every rank: nothing here can draw in space, or the place cannot be written to.
     """
-    network, state = result.network, result.states[-1]
-    _, sample, clamps = _panel("", result, state)
-    lattice, thickness = to_lattice(network), network.fabric.thickness
-    text = pictures.plain_text(title)
-    pictures.save(network.comm, path, woven, sample, lattice, thickness, text, clamps)
+    network, text = result.network, pictures.plain_text(title)
+    _, sample, clamps = _panel("", result, result.states[-1])
+    pictures.save(network.comm, path, woven, sample, network.fabric.thickness, text, clamps)
 
 
 def figures(
@@ -186,12 +183,6 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
-
-
-def to_lattice(network: Network) -> np.ndarray:
-    """Return what takes a point at rest, (x, y, 1) in metres, to its place (i, j); (2, 3)."""
-    turned = network.preform.rotation / network.pitch[:, None]
-    return np.column_stack([turned, -turned @ network.preform.lattice_origin])
 
 
 def _clamps(result: TestResult, state: State) -> list[pictures.Clamp]:
@@ -363,29 +354,28 @@ def _maps(
 ) -> tuple[Drawn, dict[str, str]]:
     """Maps of shear angle and tension, and sentences in place of those that are uniform."""
     network, fields = result.network, result.fields
+    shear = {"network": np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)}
+    label, difference = pictures.ANGLE_LABEL, ""
+    if membrane is not None:
+        shear["membrane"], difference = np.rad2deg(membrane), "difference (°)"
+    tensions = _tensions(result)
+    largest = most(network.comm, np.abs(np.nan_to_num(list(tensions.values()))))
+    unit, newton = _load_unit(np.array(largest))
+    draw_shear = partial(pictures.maps, label=label, title=title, difference=difference)
+    tension_label = f"tension ({unit} per yarn)"
+    draw_tension = partial(pictures.maps, label=tension_label, title=title, share=0.99)
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
-    shear = {"network": np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)}
-    if membrane is not None:
-        shear["membrane"] = np.rad2deg(membrane)
-    told = uniform_text(network.comm, "Shear angle", shear, pictures.ROUNDING_DEG, "°")
-    if told is None:
-        difference = "difference (°)" if membrane is not None else ""
-        sample: Any = sample_map(network, shear)
-        drawn["shear_map.png"] = partial(pictures.maps, sample, title=title, difference=difference)
-    else:
-        uniform["shear_map.png"] = told
-    tensions = _tensions(result)
-    told = uniform_text(network.comm, "Tension", tensions, ROUNDING_N, " N per yarn")
-    if told is None:
-        sample, unit = sample_map(network, tensions), "N"
-        if sample is not None:
-            unit, newton = _load_unit(np.nan_to_num(list(sample.values.values())))
-            sample.values = {name: value / newton for name, value in sample.values.items()}
-        label = f"tension ({unit} per yarn)"
-        drawn["tension_map.png"] = partial(pictures.maps, sample, label, title, share=0.99)
-    else:
-        uniform["tension_map.png"] = told
+    for name, what, values, unit, size, rounding, draw in (
+        ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, draw_shear),
+        ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, draw_tension),
+    ):
+        told = uniform_text(network.comm, what, values, rounding, unit)
+        if told is None:
+            sample = sample_map(network, {key: value / size for key, value in values.items()})
+            drawn[name] = partial(draw, sample)
+        else:
+            uniform[name] = told
     return drawn, uniform
 
 

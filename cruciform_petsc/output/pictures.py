@@ -185,16 +185,8 @@ def maps(
 ) -> Figure:
     """Draw maps of a sample's values side by side, with one colour scale.
 
-    Parameters
-    ----------
-    sample : MapSample
-    label : str
-        What its values are.
-    title : str
-    difference : str
-        Label of the difference of its two values: a third map, with a scale of its own.
-    share : float
-        See `colour_scale`.
+    ``label`` is what they are; ``difference`` that of a third map, first less second value, with a
+    scale of its own. ``share``: see `colour_scale`.
     """
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
@@ -342,7 +334,7 @@ def curves(
         Thin grey lines; those without a label are not in the legend. Lines are thin, too, as a
         straight one between few points says nothing beside them.
     """
-    figure, axes = _curve_axes(labels, title)
+    figure, (axes,) = _curve_axes([labels], title)
     for label, (x, y) in (guides or {}).items():
         axes.plot(x, y, color="0.4", linewidth=0.9, label=label or None, zorder=2)
     for i, (label, (x, y)) in enumerate(lines.items()):
@@ -354,7 +346,7 @@ def curves(
             axes.plot(*marks, "o", color=COLOURS[0], markersize=4, clip_on=False, zorder=3)
         axes.plot(x, y, label=label, **style)
     for i, (label, (x, y)) in enumerate((points or {}).items(), len(lines)):
-        axes.plot(x, y, label=label, clip_on=False, zorder=4, **_point_style(i))
+        axes.plot(x, y, label=label, **_point_style(i))
     _include_zero(axes)
     if guides is not None or len(lines) + len(points or {}) > 1:
         axes.legend()
@@ -364,30 +356,18 @@ def curves(
 def overlaid(
     panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]],
 ) -> Figure:
-    """Draw curves over each other, in panels side by side.
+    """Draw curves over each other, in panels side by side: (labels of the axes, curves).
 
-    Parameters
-    ----------
-    panels : sequence of (labels of the axes, curves)
-        Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
+    Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.6 * len(panels) + 0.6, 4.1), layout="constrained")
-    every = figure.subplots(1, len(panels), squeeze=False)[0]
-    for axes, (names, lines) in zip(every, panels, strict=True):
-        _plain_axes(axes, names)
+    size = (4.6 * len(panels) + 0.6, 4.1)
+    figure, every = _curve_axes([labels for labels, _ in panels], "", size)
+    for axes, (_, lines) in zip(every, panels, strict=True):
         for i, (label, ((x, y), as_points)) in enumerate(lines.items()):
-            line = {"color": COLOURS[i], "linestyle": DASHES[i]}
+            style = _point_style(i) if as_points else _line_style(i, MANY_POINTS + 1)
             # A leading underscore would keep it out of the legend.
-            axes.plot(
-                x,
-                y,
-                label=plain_text(label).lstrip("_"),
-                clip_on=False,
-                zorder=4 - i,
-                **_point_style(i) if as_points else line,
-            )
+            text = plain_text(label).lstrip("_")
+            axes.plot(x, y, label=text, **style | {"zorder": 4 - i})
         _include_zero(axes)
     figure.legend(*every[0].get_legend_handles_labels(), loc="outside upper left")
     return figure
@@ -396,18 +376,11 @@ def overlaid(
 def stacked(
     x: np.ndarray, parts: Mapping[str, np.ndarray], labels: tuple[str, str], title: str = ""
 ) -> Figure:
-    """Draw parts of a whole, one upon the other, against x (n,), from the origin on.
+    """Draw parts (n,) of a whole, not negative, one upon the other, against x (n,).
 
-    Parameters
-    ----------
-    x : float (n,)
-    parts : dict of float (n,)
-        Not negative, by label. Drawn up to the largest |x| of a test that turns back.
-    labels : (str, str)
-        Of the axes.
-    title : str
+    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes.
     """
-    figure, axes = _curve_axes(labels, title)
+    figure, (axes,) = _curve_axes([labels], title)
     until = 1 + int(np.abs(x).argmax())
     along = np.append(0.0, x[:until])
     heights = [np.append(0.0, part[:until]) for part in parts.values()]
@@ -424,19 +397,13 @@ def convergence(
     ylabel: str = "relative difference",
     title: str = "",
 ) -> Figure:
-    """Draw differences against the number of crossovers, both on logarithmic axes.
+    """Draw differences (n,) against the number of crossovers (n,), both on logarithmic axes.
 
-    Parameters
-    ----------
-    crossovers : (n,)
-    differences : dict of (n,)
-        Positive values by label. A guide below them has the slope of the pitch, which goes with
-        crossovers^(-1/2).
-    ylabel, title : str
+    A guide below them has the slope of the pitch, which goes with crossovers^(-1/2).
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    figure, axes = _curve_axes(("crossovers", ylabel), title)
+    figure, (axes,) = _curve_axes([("crossovers", ylabel)], title)
     count = np.asarray(crossovers, float)
     axes.set(xscale="log", yscale="log")
     for i, (label, values) in enumerate(differences.items()):
@@ -458,20 +425,19 @@ def convergence(
     return figure
 
 
-def _curve_axes(labels: tuple[str, str], title: str) -> tuple[Figure, Axes]:
+def _curve_axes(
+    labels: Sequence[tuple[str, str]], title: str, size: tuple[float, float] = (5.4, 3.7)
+) -> tuple[Figure, list[Axes]]:
+    """Axes side by side, each with its (x, y) labels."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5.4, 3.7), layout="constrained")
-    axes = figure.subplots()
-    _plain_axes(axes, labels)
-    axes.set_title(title)
-    return figure, axes
-
-
-def _plain_axes(axes: Axes, labels: tuple[str, str]) -> None:
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color="0.9", linewidth=0.6)
+    figure = Figure(figsize=size, layout="constrained")
+    every = list(figure.subplots(1, len(labels), squeeze=False)[0])
+    for axes, (x_label, y_label) in zip(every, labels, strict=True):
+        axes.set(xlabel=x_label, ylabel=y_label, title=title)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="0.9", linewidth=0.6)
+    return figure, every
 
 
 def _line_style(i: int, points: int) -> dict[str, Any]:
@@ -483,8 +449,8 @@ def _line_style(i: int, points: int) -> dict[str, Any]:
 
 
 def _point_style(i: int) -> dict[str, Any]:
-    style = {"color": COLOURS[i], "marker": MARKERS[i], "markersize": 5.5}
-    return style | {"linestyle": "", "fillstyle": "none"}
+    style = {"color": COLOURS[i], "clip_on": False, "zorder": 4, "linestyle": ""}
+    return style | {"marker": MARKERS[i], "markersize": 5.5, "fillstyle": "none"}
 
 
 def _include_zero(axes: Axes) -> None:

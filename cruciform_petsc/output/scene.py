@@ -38,7 +38,6 @@ SECONDS = 300.0  # until rendering has failed
 
 def woven(
     sample: YarnSample,
-    lattice: np.ndarray,
     thickness: float | None = None,
     title: str = "",
     clamps: Sequence[pictures.Clamp] = (),
@@ -52,8 +51,6 @@ def woven(
     ----------
     sample : YarnSample
         Values in degrees.
-    lattice : float (2, 3)
-        (i, j) of a point at rest [m] is ``lattice[:, :2] @ point + lattice[:, 2]``.
     thickness : float, optional
         Of the cloth, m.
     title : str
@@ -67,7 +64,7 @@ def woven(
     """
     height = thickness * sample.every if thickness else THICKNESS * sample.spacing
     colours = pictures.colour_scale([sample.values])
-    scene = yarn_lines(sample, lattice, height, colours)
+    scene = yarn_lines(sample, height, colours)
     width = pictures.bar_width(*pictures.bounds([scene["lines"][:, :2]]))
     edges = [np.asarray(segments) + motion for segments, motion in clamps]
     bars = [pictures.bar_corners(a, b, width) for edge in edges for a, b in edge]
@@ -79,7 +76,7 @@ def woven(
 
 
 def yarn_lines(
-    sample: YarnSample, lattice: np.ndarray, height: float, colours: pictures.Colours
+    sample: YarnSample, height: float, colours: pictures.Colours
 ) -> dict[str, np.ndarray]:
     """Lines of all yarns with the waves of a plain weave, in metres.
 
@@ -89,8 +86,7 @@ def yarn_lines(
         ``lines``, ``first``, ``half`` and ``shades``, see `render.tubes`. The cloth at rest is
         ``height`` thick.
     """
-    place = (sample.before @ lattice[:, :2].T + lattice[:, 2]) / sample.every
-    after = sample.after
+    place, after = sample.lattice / sample.every, sample.after
     lines, halves, angles = [], [], []
     for rows in np.split(np.arange(len(after)), sample.first[1:]):
         if len(rows) < 2:

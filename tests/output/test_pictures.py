@@ -375,7 +375,7 @@ def test_energy(finite):
 
 
 def test_zones(finite):
-    """The zones' angles; and the net's: in the middle by its diagonals, at the sides half of that."""
+    """The zones' angles; and the net's: in the middle by its diagonals, at the sides half."""
     axes = drawn(finite, "zones.png").axes[0]
     curve = finite.curve()
     for zone, label in (

@@ -45,6 +45,9 @@ def test_whole_yarns(result, sample):
     axes = network.preform.rotation[sample.family[sample.segment[:, 0]]]
     along = np.einsum("si,si->s", step, axes)
     np.testing.assert_allclose(along, np.linalg.norm(step, axis=1), rtol=1e-9)
+    inner = (np.abs(sample.lattice - np.round(sample.lattice)) < 1e-9).all(axis=1)
+    known = {tuple(ij) for ij in network.crossover_ij}
+    assert {tuple(ij) for ij in np.round(sample.lattice[inner]).astype(int)} >= known
     assert sample.after[:, 1].max() == pytest.approx(0.081)
     assert np.nanmax(sample.values) == pytest.approx(np.rad2deg(result.shear_angle_max))
 
@@ -61,7 +64,7 @@ def test_every_kth_yarn(result):
         expected = (yarns.end - yarns.start)[taken] * network.pitch[family]
         np.testing.assert_allclose(np.sort(lengths(sample)[mine]), np.sort(expected), rtol=1e-9)
         points = (sample.family == family).sum()
-        assert points <= 60 + 2 * mine.sum()
+        assert 30 < points <= 60 + 4 * mine.sum()
 
 
 def test_what_carries_nothing_has_no_angle(result):
@@ -92,7 +95,7 @@ def test_map_of_blocks(result):
     x = network.crossover_position[:, 0].copy()
     x[5] = np.nan
     sample = sample_map(network, {"x": x, "none": np.full(len(x), np.nan)}, limit=80)
-    assert 20 < len(sample.centre) <= 80
+    assert 40 < len(sample.centre) <= 120
     inner = ~sample.at_outline
     assert inner.sum() > 5
     np.testing.assert_allclose(sample.values["x"][inner], sample.centre[inner, 0], atol=1e-12)

@@ -27,19 +27,17 @@ def result():
 
 
 def yarn_lines(result, limit):
-    """The sample, its places in the lattice and its lines as drawn, of a cloth of 1 mm."""
+    """The sample, and its lines as drawn, of a cloth of 1 mm."""
     sample = sample_yarns(result.network, result.node_displacement, result.fields, limit)
-    lattice = figures.to_lattice(result.network)
-    place = (sample.before @ lattice[:, :2].T + lattice[:, 2]) / sample.every
-    return sample, place, scene.yarn_lines(
-        sample, lattice, 1e-3, pictures.colour_scale([sample.values])
-    )  # fmt: skip
+    scale = pictures.colour_scale([sample.values])
+    return sample, scene.yarn_lines(sample, 1e-3, scale)
 
 
 @pytest.mark.parametrize("limit", [3000, 20])
 def test_plain_weave(result, limit):
     """At every crossover one family is above, neighbours alternate; no yarn leaves the cloth."""
-    sample, place, drawn = yarn_lines(result, limit)
+    sample, drawn = yarn_lines(result, limit)
+    place = sample.lattice / sample.every
     assert (sample.every > 1) == (limit == 20)
     # Half a cloth of 1 mm, more where it has sheared by up to 40 degrees.
     assert (abs(drawn["lines"][:, 2]) + drawn["half"][:, 1]).max() <= 0.5e-3 / np.cos(np.pi / 4)
