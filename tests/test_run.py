@@ -18,11 +18,12 @@ from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.equilibrium.newton import EquilibriumError
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.figures import control_text, net_kinematics
+from cruciform_petsc.output.figures import net_kinematics
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
-from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
+from cruciform_petsc.run import check_case, make_experiment, run_case
 
 LOG = logging.getLogger("test_run")
 SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}
@@ -205,7 +206,7 @@ def test_what_the_bar_tells(tmp_path, monkeypatch):
     def bar(log, length, begin=0.0):
         yield lambda done, text: told.append((done / length, text))
 
-    monkeypatch.setattr("cruciform_petsc.run.progress_bar", bar)
+    monkeypatch.setattr("cruciform_petsc.output.progress.progress_bar", bar)
     run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="3 mm", increments=2))
     run(MPI.COMM_SELF, tmp_path, case(finite=True, load=["0.2 N", "0.4 N"]))
     assert [share for share, _ in told] == pytest.approx([0.5, 1.0, 0.5, 1.0])
@@ -350,8 +351,8 @@ def test_controls_for_people():
     for kind, text in texts.items():
         made = case(kind, **KINDS[kind])
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        assert control_text(make_experiment(made, network), 0.0125) == text
-    assert control_text(make_experiment(made, network), 3.0) == "load 3 N"
+        assert make_experiment(made, network).column.text(0.0125) == text
+    assert make_experiment(made, network).column.text(3.0) == "load 3 N"
 
 
 def test_kinematics_of_an_inextensible_net():

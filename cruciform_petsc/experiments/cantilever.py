@@ -10,8 +10,12 @@ import numpy as np
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..quantities import LOAD, declare, quantity
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
+
+declare("tip_across_mm", "deflection across", "deflection of the loaded edge", is_displacement=True)
+declare("tip_along_mm", "deflection along")
 
 
 class Cantilever(Experiment):
@@ -29,8 +33,9 @@ class Cantilever(Experiment):
     kind = "cantilever"
     control = "load"
     unit = "N"
-    column = ("load_N", 1.0)
+    column = LOAD
     clamps = ("lower",)
+    movement = "tip deflection"
 
     def __init__(self, network: Network, load: Any, **options: Any):
         super().__init__(network, load, **options)
@@ -65,6 +70,10 @@ class Cantilever(Experiment):
         sums = np.array([state.node_displacement[nodes].sum(axis=0) for state in result.states])
         return comm.allreduce(sums) / count
 
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """Across the strip."""
+        return 1e-3 * result.curve()["tip_across_mm"]
+
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Where the loaded edge has gone."""
         tip = 1e3 * self.tip(result)
@@ -76,5 +85,5 @@ class Cantilever(Experiment):
             "across": (columns["tip_across_mm"], columns["load_N"]),
             "along, towards the clamp": (-columns["tip_along_mm"], columns["load_N"]),
         }
-        labels = "deflection of the loaded edge (mm)", "load (N)"
+        labels = quantity("tip_across_mm").axis, LOAD.axis
         return "load_against_deflection", labels, lines

@@ -23,6 +23,7 @@ from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
+from ..quantities import EXTENSION, Quantity
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..solvers.multigrid import yarn_multigrid
@@ -32,7 +33,7 @@ from .result import State, TestResult
 if TYPE_CHECKING:
     from ..output.checkpoint import Checkpoint
 
-# A picture's name, the labels of its axes ("load (N)" for newtons), and its lines by label.
+# A picture's name, the labels of its axes (LOAD.axis for newtons), and its lines by label.
 DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
 
 PULL = np.array([0.0, 1.0])
@@ -85,12 +86,21 @@ class Experiment:
     kind = ""
     control = "extension"
     unit = "m"
-    # What the curve's column of the control is called, and SI units in one of its.
-    column = ("extension_mm", 1e-3)
+    # The curve's column of the control; further columns are declared in each kind's file.
+    column: Quantity = EXTENSION
+    # What is told of a state beside shear: columns of the curve that are forces, what the load is
+    # called in the curve, and what the loaded end's movement is called.
+    forces: tuple[str, ...] = ("load_N",)
+    load_name, movement = "load", "extension"
+    # What the yarns' picture is coloured by; whether the outline cuts across the yarns.
+    colour, cut_across = "shear angle", False
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
     has_zones = False
-    # What the yarns' picture is coloured by, and the edges that are drawn as bars.
-    colour = "shear angle"
+    # How the continuum beside it is held (continuum.compare): "gripped", pulled at the upper edge
+    # like a bias test; "free", of which there is none; "" where nothing compares.
+    reference = ""
+    upper = "grip"
+    # Edges that are drawn as bars.
     clamps: tuple[str, ...] = ("lower", "upper")
 
     def __init__(
@@ -152,6 +162,10 @@ class Experiment:
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Further columns of the curve. Collective."""
         return {}
+
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """How far the loaded end has moved along the load in each state, m; (n,). Collective."""
+        return result.controls
 
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Further figures for the summary. Collective."""

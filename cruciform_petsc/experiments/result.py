@@ -6,17 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
 from ..net.lattice import SHORTEST_ARM
 from ..small.network import MODES
 
 if TYPE_CHECKING:
-    from ..continuum.compare import Comparison
     from ..equilibrium.newton import Increment
     from ..net.network import Network
     from ..net.supports import Supports
@@ -122,9 +119,10 @@ class TestResult:
     uncarried: dict[str, float] | None = None
 
     def __repr__(self) -> str:
-        name, size = self.experiment.column
+        column = self.experiment.column
         return (
-            f"TestResult({self.experiment.kind}, {name} {self.states[-1].control / size:.4g}, "
+            f"TestResult({self.experiment.kind}, {column.column} "
+            f"{self.states[-1].control / column.scale:.4g}, "
             f"{self.load:.4g} N, {self.network!r})"
         )
 
@@ -276,10 +274,9 @@ class TestResult:
 
     @cached_property
     def _curve(self) -> dict[str, np.ndarray]:
-        name, size = self.experiment.column
-        columns = {name: self.controls / size}
-        if name != "load_N":
-            columns["load_N"] = self.loads
+        control = self.experiment.column
+        columns = {control.column: self.controls / control.scale}
+        columns.setdefault("load_N", self.loads)
         columns["shear_centre_deg"] = np.rad2deg(self.shear_angles_centre)
         columns["shear_max_deg"] = np.rad2deg(self.shear_angles_max)
         if self.experiment.has_zones:
@@ -305,72 +302,6 @@ class TestResult:
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
-
-    # -- the continuum ----------------------------------------------------------------------------
-
-    def membrane(self, size: float | None = None) -> Any:
-        """The continuum with the same outline, edges and last value (dolfinx). Collective."""
-        membrane = getattr(self.experiment, "membrane", None)
-        if membrane is None:
-            raise InputError(f"there is no continuum to compare a {self.experiment.kind} test with")
-        return membrane(self, size)
-
-    def compare_with_membrane(self, membrane: Any = None) -> Comparison:
-        """Differences to the continuum at the crossovers, last value. Collective."""
-        from ..continuum.compare import compare_fields
-
-        membrane = membrane or self.membrane()
-        carrying = self.fields["carrying"]
-        energy = sum(value[-1] for value in self.energies().values())
-        return compare_fields(
-            self.network.comm,
-            self.network.crossover_position[carrying],
-            self.fields["displacement"][carrying],
-            self.fields["shear_angle"][carrying],
-            self.load,
-            energy,
-            membrane,
-        )
-
-    # -- files ------------------------------------------------------------------------------------
-
-    def plot(self, path: str) -> None:
-        """Draw the yarns before and after, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import plot
-
-        plot(self, path)
-
-    def scene(self, path: str | Path) -> None:
-        """Draw the woven yarns in space, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import scene
-
-        scene(self, path)
-
-    def export(
-        self, folder: str | Path, index: int = -1, hold: str = "fibre volume fraction"
-    ) -> list[Path]:
-        """Write yarn directions, thickness and fibre volume fraction for other programs.
-
-        Collective. See output.exports.export_state and docs/exports.md.
-        """
-        from ..output.exports import export_state
-
-        return export_state(folder, self, index, hold)
-
-    def write(self, path: str) -> None:
-        """Write a file that ParaView opens: deformed yarns with their fields. Collective.
-
-        Several states become a series over time, which is the control in the curve's units. The
-        file's attributes say where it comes from (provenance.file_notes).
-        """
-        from ..output.paraview import write_network, write_series
-        from ..output.provenance import file_notes
-
-        notes = file_notes(self)
-        if len(self.states) > 1:
-            write_series(path, self.network, self.states, self.experiment.column, notes)
-        else:
-            write_network(path, self.network, self.node_displacement, self.fields, notes)
 
 
 def _median(comm, values: np.ndarray) -> float:

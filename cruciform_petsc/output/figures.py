@@ -12,42 +12,23 @@ import numpy as np
 
 from ..elements.kinematics import net_angle
 from ..parallel import least, most
+from ..quantities import EXTENSION, LOAD, force_unit, quantity
 from ..small.network import MODES
 from . import pictures
 from .sample import sample_map, sample_yarns
 from .scene import woven
+from .summary import ROUNDING_N
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..calibration.curve import MeasuredCurve
-    from ..experiments.experiment import Experiment
     from ..experiments.result import State, TestResult
 
-# What a unit in a column's name looks like in a log.
-UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
-AXES = {
-    "extension_mm": "extension (mm)",
-    "angle_deg": "shear angle of the frame (°)",
-    "strain_warp_percent": "warp strain (%)",
-    "load_N": "load (N)",
-}
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
-ROUNDING_N = 1e-9  # tensions of yarns below are none
-SMALL_LOAD = 0.1  # N; loads below are told in mN
 STAGES = 4  # states side by side
 
 Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
-
-
-def control_text(experiment: Experiment, control: float) -> str:
-    """Write a control for people: "extension 10 mm"."""
-    name, size = experiment.column
-    what, _, unit = name.rpartition("_")
-    if unit == "N" and abs(control) < SMALL_LOAD:
-        size, unit = 1e-3, "mN"
-    what = "warp strain" if what == "strain_warp" else what
-    return f"{what} {control / size:.4g} {UNITS[unit]}"
 
 
 def draw_all(
@@ -179,7 +160,7 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
     chosen = np.unique(np.linspace(0, len(result.states) - 1, count).round().astype(int))
     panels = []
     for state in (result.states[i] for i in chosen):
-        name = control_text(result.experiment, state.control).replace(" deg", "°")
+        name = result.experiment.column.text(state.control).replace(" deg", "°")
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
@@ -215,16 +196,11 @@ def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return result.controls, result.loads, np.column_stack([result.energies()[m] for m in MODES])
 
 
-def _load_unit(loads: np.ndarray) -> tuple[str, float]:
-    """Unit that loads are drawn in, and its size in N."""
-    return ("N", 1.0) if np.abs(loads).max(initial=0.0) >= SMALL_LOAD else ("mN", 1e-3)
-
-
 def _axis(result: TestResult) -> tuple[str, float]:
     """Label of the control's axis, and SI units in one of its."""
-    name, size = result.experiment.column
-    unit, newton = _load_unit(result.loads)
-    return (f"load ({unit})", newton) if name == "load_N" else (AXES[name], size)
+    column = result.experiment.column
+    unit, newton = force_unit(result.loads)
+    return (f"load ({unit})", newton) if column is LOAD else (column.axis, column.scale)
 
 
 def _loads(
@@ -233,7 +209,7 @@ def _loads(
     """The load, or what stands for it, against the control."""
     experiment, curve = result.experiment, result.curve()
     control, load, _ = _path(result)
-    unit, newton = _load_unit(load)
+    unit, newton = force_unit(load)
     load_label = f"load ({unit})"
     test = None
     if measured is not None:
@@ -241,7 +217,7 @@ def _loads(
     own = experiment.drawn_curves(curve)
     if own is not None:
         name, (x_label, y_label), lines = own
-        if y_label == "load (N)":
+        if y_label == LOAD.axis:
             y_label, lines = load_label, {key: (x, y / newton) for key, (x, y) in lines.items()}
         if test is not None:
             lines[f"measured, {next(iter(lines))}"] = test
@@ -256,7 +232,7 @@ def _loads(
         points["measured"] = test
     lines = {"network": pictures.from_origin(control / size, load / newton)}
     marks = None if len(control) == len(states) else (states, result.loads / newton)
-    name = experiment.column[0].partition("_")[0]
+    name = experiment.column.column.partition("_")[0]
     draw = partial(pictures.curves, title=title)
     drawn = {
         f"load_against_{name}.png": partial(
@@ -264,7 +240,7 @@ def _loads(
         )
     }
     if test is not None and experiment.unit != "m":
-        labels = "displacement of the crosshead (mm)", load_label
+        labels = quantity("crosshead_mm").axis, load_label
         lines = {"network": pictures.from_origin(curve["crosshead_mm"], curve["load_N"] / newton)}
         points = {"measured": test}
         drawn["load_against_crosshead.png"] = partial(draw, lines, labels, points=points)
@@ -303,13 +279,13 @@ def _zones(result: TestResult, title: str) -> partial[Figure]:
     fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
     net = net_kinematics(result, 1e-3 * fine)
     guides = {} if net is None else {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
-    labels = AXES["extension_mm"], pictures.ANGLE_LABEL
+    labels = EXTENSION.axis, pictures.ANGLE_LABEL
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
 def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
     """The paper's figure 8."""
-    curve, (unit, newton) = result.curve(), _load_unit(result.loads)
+    curve, (unit, newton) = result.curve(), force_unit(result.loads)
     names = {"at the centre point": "shear_centre_deg", "largest (absolute)": "shear_max_deg"}
     lines = {
         label: pictures.from_origin(curve["load_N"] / newton, curve[name])
@@ -360,7 +336,7 @@ def _maps(
         shear["membrane"], difference = np.rad2deg(membrane), "difference (°)"
     tensions = _tensions(result)
     largest = most(network.comm, np.abs(np.nan_to_num(list(tensions.values()))))
-    unit, newton = _load_unit(np.array(largest))
+    unit, newton = force_unit(largest)
     draw_shear = partial(pictures.maps, label=label, title=title, difference=difference)
     tension_label = f"tension ({unit} per yarn)"
     draw_tension = partial(pictures.maps, label=tension_label, title=title, share=0.99)

@@ -3,6 +3,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -14,7 +15,7 @@ from support.vtkhdf import read_vtkhdf, times_of
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output import pictures
-from cruciform_petsc.output.paraview import ENERGIES, write_network, write_series
+from cruciform_petsc.output.paraview import ENERGIES, write, write_series, write_state
 from cruciform_petsc.output.tables import write_csv, write_json, written_whole
 
 COMM = MPI.COMM_SELF
@@ -80,19 +81,15 @@ def test_places_that_cannot_be_written(tmp_path, result):
     (tmp_path / "folder").mkdir()
     for place in ("none/x", "file/x", "folder"):
         path = tmp_path / place
-        for write in (
+        for attempt in (
             lambda path=path: write_json(COMM, path, {}),
             lambda path=path: write_csv(COMM, path, {"a": [1]}),
             lambda path=path: pictures.save(COMM, path, pictures.curves, LINE, ("x", "y")),
-            lambda path=path: write_network(
-                path, result.network, result.node_displacement, result.fields
-            ),
-            lambda path=path: write_series(
-                path, result.network, result.states, ("extension_mm", 1e-3)
-            ),
+            lambda path=path: write_state(path, result),
+            lambda path=path: write_series(path, result),
         ):
             with pytest.raises(InputError, match=f'"{path}" cannot be written: .'):
-                write()
+                attempt()
     assert {p.name for p in tmp_path.iterdir()} == {"file", "folder"}
 
 
@@ -121,7 +118,7 @@ def test_vtk_reads_the_network(tmp_path, result):
     """Counts, connectivity, bounds and values, against the network's own arrays."""
     network, fields, moved = result.network, result.fields, result.node_displacement
     path = tmp_path / "network.vtkhdf"
-    write_network(path, network, moved, fields, {"title": "45° strip", "extension_m": 1e-3})
+    write_state(path, result, {"title": "45° strip", "extension_m": 1e-3})
     points, lines, point, cell = read_vtkhdf(path)
 
     n = network.num_crossovers_owned
@@ -185,11 +182,11 @@ def curve():
 def test_vtk_reads_a_series(tmp_path, curve):
     """Each state, from rest on, is what a file of its own has; time is the extension in mm."""
     path = tmp_path / "series.vtkhdf"
-    curve.write(path)
+    write(curve, path)
     assert times_of(path) == pytest.approx((0.0, 2.0, 6.0))
-    for time, state in zip((2.0, 6.0), curve.states, strict=True):
+    for index, time in enumerate((2.0, 6.0)):
         single = tmp_path / "single.vtkhdf"
-        write_network(single, curve.network, state.node_displacement, state.fields)
+        write_state(single, curve, index=index)
         of_series, of_single = read_vtkhdf(path, time), read_vtkhdf(single)
         for a, b in zip(of_series[:2], of_single[:2], strict=True):
             np.testing.assert_array_equal(a, b)
@@ -213,7 +210,7 @@ def test_vtk_reads_a_series(tmp_path, curve):
 def test_series_that_turns_back(tmp_path, curve):
     """VTK wants ascending times: then they are the numbers of the states."""
     path = tmp_path / "series.vtkhdf"
-    write_series(path, curve.network, curve.states[::-1], ("extension_mm", 1e-3))
+    write_series(path, replace(curve, states=curve.states[::-1]))
     assert times_of(path) == (0.0, 1.0, 2.0)
     points, *_ = read_vtkhdf(path, 2.0)
     assert points[:, 1].max() == pytest.approx(0.082)
