@@ -168,19 +168,14 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
 
 def _clamps(result: TestResult, state: State) -> list[pictures.Clamp]:
     """Gripped edges, each with how far its corners have moved in a state."""
-    experiment, clamps = result.experiment, []
+    experiment, control = result.experiment, state.control
+    clamps: list[pictures.Clamp] = []
     for edge in experiment.clamps:
         segments = result.network.preform.edge(edge)
-        if experiment.finite:
-            gradient, shift = experiment.motion(edge, state.control)
-            moved = segments @ gradient.T + shift - segments
-        else:  # the tangent at rest
-            ahead, behind = (experiment.motion(edge, sign * 1e-6) for sign in (1.0, -1.0))
-            gradient, shift = (
-                0.5e6 * state.control * (a - b) for a, b in zip(ahead, behind, strict=True)
-            )
-            moved = segments @ gradient.T + shift
-        clamps.append((segments, moved))
+        # Small displacements go along the tangent at rest.
+        step, factor = (control, 1.0) if experiment.finite else (1e-6, 1e6 * control)
+        gradient, shift = experiment.motion(edge, step)
+        clamps.append((segments, factor * (segments @ gradient.T + shift - segments)))
     return clamps
 
 
@@ -258,15 +253,6 @@ def _energies(result: TestResult, title: str) -> partial[Figure]:
     return partial(pictures.stacked, control / size, parts, (label, "strain energy (mJ)"), title)
 
 
-def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
-    """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
-
-    NaN beyond its reach; None where a test has no such kinematics (Experiment.net_gauge).
-    """
-    gauge = result.experiment.net_gauge()
-    return None if gauge is None else np.rad2deg(net_angle(extension, gauge))
-
-
 def _zones(result: TestResult, title: str) -> partial[Figure]:
     """Shear angles of the zones, and of an inextensible net: half of its middle's in its sides."""
     curve = result.curve()
@@ -276,9 +262,11 @@ def _zones(result: TestResult, title: str) -> partial[Figure]:
         for zone, label in ZONES.items()
         if np.isfinite(curve[f"shear_{zone}_deg"]).all()
     }
-    fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
-    net = net_kinematics(result, 1e-3 * fine)
-    guides = {} if net is None else {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
+    guides, gauge = {}, result.experiment.net_gauge()
+    if gauge is not None:
+        fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
+        net = np.rad2deg(net_angle(1e-3 * fine, gauge))
+        guides = {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
     labels = EXTENSION.axis, pictures.ANGLE_LABEL
     return partial(pictures.curves, lines, labels, title, guides=guides)
 

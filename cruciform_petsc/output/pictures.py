@@ -472,19 +472,12 @@ def plain_text(text: str) -> str:
 
 
 def from_origin(x: Values, y: Values) -> tuple[np.ndarray, np.ndarray]:
-    """Put the origin, which every test starts from, before a curve that lacks it.
-
-    A curve that turns back stays in its order.
-    """
+    """Join the origin, which every test starts from, to a curve that lacks it."""
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
-    step = np.diff(x)
-    turns = (step > 0).any() and (step < 0).any()
-    if not turns:
-        order = np.argsort(x, kind="stable")
-        x, y = x[order], y[order]
-    if len(x) and ((x > 0).all() or (x < 0).all()):
-        at = 0 if turns or x[0] > 0 else len(x)
-        x, y = np.insert(x, at, 0.0), np.insert(y, at, 0.0)
+    if (x > 0).all() or (x < 0).all():
+        towards = len(x) > 1 and (np.diff(np.abs(x)) < 0).all()
+        where = len(x) if towards else 0
+        x, y = np.insert(x, where, 0.0), np.insert(y, where, 0.0)
     return x, y
 
 

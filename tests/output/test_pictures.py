@@ -530,9 +530,11 @@ def test_axes_include_zero(sign, limits):
 def test_curves_start_at_the_origin():
     """Whichever way the test is driven, unless it goes through the origin anyway."""
     x, y = pictures.from_origin([2.0, 1.0], [20.0, 10.0])
-    assert (x.tolist(), y.tolist()) == ([0, 1, 2], [0, 10, 20])
+    assert (x.tolist(), y.tolist()) == ([2, 1, 0], [20, 10, 0])
     x, y = pictures.from_origin(-1.0, -10.0)
-    assert (x.tolist(), y.tolist()) == ([-1, 0], [-10, 0])
+    assert (x.tolist(), y.tolist()) == ([0, -1], [0, -10])
+    x, y = pictures.from_origin([-1.0, -2.0], [-10.0, -20.0])
+    assert (x.tolist(), y.tolist()) == ([0, -1, -2], [0, -10, -20])
     x, y = pictures.from_origin([1.0, 3.0, 2.0], [10.0, 30.0, 15.0])
     assert (x.tolist(), y.tolist()) == ([0, 1, 3, 2], [0, 10, 30, 15])
     x, y = pictures.from_origin([-1, 1], [-3, 3])
