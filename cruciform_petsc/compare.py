@@ -398,7 +398,7 @@ def compare_command(
             for name, line, side in zip(names, lines[column], (a, b), strict=True)
         }
         panels.append(((axis.axis, quantity(column).axis), curves))
-    pictures.overlaid(comm, folder / "comparison.png", panels)
+    pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
     log.info("comparison in %s", folder)
     return told
 

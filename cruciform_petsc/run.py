@@ -191,9 +191,8 @@ def _run_case(
             drawn = figures.draw_all(directory, result, without, membranes, summary, measured)
     if case.output.scene:
         with stages.stage("scene", "yarns drawn in space"):
-            title = figures.plain_text(case.title)
             try:
-                figures.draw_scene(directory / "scene.png", result, title)
+                figures.scene(result, directory / "scene.png", case.title)
                 drawn.append("scene.png")
             except InputError as error:  # the results are worth more than this picture of them
                 log.warning("no scene.png: %s", error)

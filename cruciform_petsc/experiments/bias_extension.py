@@ -64,6 +64,7 @@ class BiasExtension(Experiment):
         if model == "separate" and self.finite:
             raise InputError("the paper's separate systems are for small displacements only")
         self.upper, self.model = upper, model
+        self.clamps = ("lower", "upper") if upper == "grip" else ("lower",)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge; clamp or guide the upper one. Collective."""

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..quantities import declare
-from .experiment import Experiment, Grip
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
 
 declare("strain_weft_percent", "weft strain")
@@ -37,6 +37,7 @@ class Biaxial(Experiment):
     control = "strain"
     unit = "1"
     column = declare("strain_warp_percent", "warp strain")
+    clamps = ("lower", "upper", "left", "right")
     forces = ("force_warp_N", "force_weft_N")  # the load does the work of both
     load_name = "work-conjugate load"
     colour = "tension"
@@ -97,3 +98,14 @@ class Biaxial(Experiment):
         """Force that does the work of both directions on the warp's own extension, N."""
         length = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
         return work / float(length[self._warp_axis])
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """Tension of both families."""
+        strain = columns["strain_warp_percent"]
+        lines = {
+            "warp": (strain, columns["tension_warp_N_per_cm"]),
+            f"weft, strain {self.ratio:.3g} of the warp's": (
+                strain, columns["tension_weft_N_per_cm"],
+            ),
+        }  # fmt: skip
+        return "tension_against_strain", (self.column.axis, "tension (N/cm)"), lines

@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
-from ..quantities import LOAD, declare
-from .experiment import Experiment, Grip
+from ..quantities import LOAD, declare, quantity
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
 
 declare("tip_across_mm", "deflection across", "deflection of the loaded edge", is_displacement=True)
@@ -34,6 +34,7 @@ class Cantilever(Experiment):
     control = "load"
     unit = "N"
     column = LOAD
+    clamps = ("lower",)
     movement = "tip deflection"
 
     def __init__(self, network: Network, load: Any, **options: Any):
@@ -77,3 +78,12 @@ class Cantilever(Experiment):
         """Where the loaded edge has gone."""
         tip = 1e3 * self.tip(result)
         return {"tip_across_mm": tip[:, 0], "tip_along_mm": tip[:, 1]}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """The load against where its edge has gone."""
+        lines = {
+            "across": (columns["tip_across_mm"], columns["load_N"]),
+            "along, towards the clamp": (-columns["tip_along_mm"], columns["load_N"]),
+        }
+        labels = quantity("tip_across_mm").axis, LOAD.axis
+        return "load_against_deflection", labels, lines

@@ -33,6 +33,9 @@ from .result import State, TestResult
 if TYPE_CHECKING:
     from ..output.checkpoint import Checkpoint
 
+# A picture's name, the labels of its axes (LOAD.axis for newtons), and its lines by label.
+DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
+
 PULL = np.array([0.0, 1.0])
 # Bytes per crossover while a system is solved. Measured with CG at small displacements: 6400 and,
 # with yarns that bend, 9000; other ways take more. These are lower, so that nothing is refused that
@@ -97,6 +100,8 @@ class Experiment:
     # like a bias test; "free", of which there is none; "" where nothing compares.
     reference = ""
     upper = "grip"
+    # Edges that are drawn as bars.
+    clamps: tuple[str, ...] = ("lower", "upper")
 
     def __init__(
         self,
@@ -165,6 +170,10 @@ class Experiment:
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Further figures for the summary. Collective."""
         return {}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves | None:
+        """What is drawn of the curve's columns in place of the load against the control."""
+        return None
 
     def reference_control(self) -> float:
         """A control of a sensible size: for small displacements, and for first guesses."""

@@ -46,7 +46,7 @@ class OffAxisTension(BiasExtension):
         super().__init__(network, extension, load, **options)
         self.ends = ends
         if ends == "free":  # no clamp, no zones
-            self.has_zones, self.reference = False, "free"
+            self.has_zones, self.reference, self.clamps = False, "free", ()
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""

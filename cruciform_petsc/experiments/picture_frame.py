@@ -40,6 +40,7 @@ class PictureFrame(Experiment):
     control = "angle"
     unit = "rad"
     column = declare("angle_deg", "angle of the frame", "shear angle of the frame", "angle")
+    clamps = EDGES
 
     def __init__(self, network: Network, angle: Any, **options: Any):
         super().__init__(network, angle, **options)

@@ -381,7 +381,7 @@ def test_command(tmp_path, capsys, folder, summary):
     found, measured = told["differences"]["load_N"], summary["measured"]
     assert found["rms_relative"] == pytest.approx(measured["rms_relative"], rel=1e-12)
     assert found["points"] == measured["points"]
-    assert (out / "comparison.png").stat().st_size > 10_000
+    assert (out / "comparison.png").exists()
     assert f"RMS {100 * found['rms_relative']:.2f} %" in capsys.readouterr().out
     assert main(["compare", str(folder), str(folder), "--output", str(out), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
