@@ -44,17 +44,12 @@ MAPS = {  # {at}: the last value asked for
     "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
     "with_and_without_bending.png": "The same with and without yarns that resist bending.",
 }
-CAPTIONS = MAPS | {
+CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
-    "tension_against_strain.png": "Tension of the cloth against its strain.",
-    "load_against_deflection.png": "Load against the deflection of the loaded edge.",
-    "load_against_extension.png": "Load against extension.",
-    "load_against_angle.png": "Load against the shear angle of the frame.",
-    "load_against_crosshead.png": "Load against the displacement of the crosshead.",
 }
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
@@ -124,9 +119,9 @@ def write_report(
             key_figures=_key_figures(experiment, summary),
             at=at,
             tension=tension_text(summary["yarn_tension_max"]),
-            maps=gallery(maps, at, experiment.colour),
+            maps=gallery(maps, captions, at, experiment.colour),
             jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
-            curves=gallery([path for path in paths if path not in maps]),
+            curves=gallery([path for path in paths if path not in maps], captions),
             results=curve_table(curve, experiment.load_name),
             measured_table=_measured(summary.get("measured", {})),
             continuum=_continuum(summary, curve),
@@ -141,6 +136,7 @@ def write_report(
             temporary.write_text(text, encoding="utf-8")
 
     at = last_control(curve)
+    captions = CAPTIONS | experiment.captions
     paths = [directory / name for name in pictures]
     order = list(MAPS)
     maps = sorted((p for p in paths if p.name in MAPS), key=lambda p: order.index(p.name))
@@ -188,17 +184,21 @@ def last_control(curve: Mapping[str, np.ndarray]) -> str:
 
 
 def gallery(
-    paths: Sequence[Path], at: str = "", colour: str = "shear angle"
+    paths: Sequence[Path], captions: Mapping[str, str], at: str = "", colour: str = ""
 ) -> list[dict[str, Any]]:
-    """Pictures with their captions, two in a row, wide ones first and by themselves."""
+    """Pictures with their captions, two in a row, wide ones first and by themselves.
+
+    A picture without a caption has its name: load_against_extension.png is that.
+    """
     pictures = []
     for path in paths:
         data = path.read_bytes()
         width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # PNG header
+        caption = captions.get(path.name, f"{path.stem.replace('_', ' ').capitalize()}.")
         wide = width / height > WIDE or path.name == "stages.png"
         pictures.append(
             {
-                "caption": CAPTIONS[path.name].format(at=at, colour=colour),
+                "caption": caption.format(at=at, colour=colour),
                 "width": width,
                 "height": height,
                 "basis": "100%" if wide else f"min(100%, {LEAST}px)",
