@@ -23,6 +23,7 @@ from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
+from cruciform_petsc.quantities import quantity
 from cruciform_petsc.run import check_case, make_experiment, run_case
 
 LOG = logging.getLogger("test_run")
@@ -81,6 +82,7 @@ def test_every_kind(tmp_path, kind):
         both.append(run(MPI.COMM_SELF, folder, case(kind, finite=finite, **KINDS[kind])))
         curve = table(folder / "curve.csv")
         assert len(curve["load_N"]) == 2
+        assert all(quantity(name).unit for name in curve)
         assert both[-1]["load_n"] == pytest.approx(curve["load_N"])
         for name in ("series.vtkhdf", "network.vtkhdf"):
             assert (folder / name).exists()
