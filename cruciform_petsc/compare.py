@@ -207,7 +207,7 @@ def check_measured(kind: str) -> None:
 # -- two curves ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Side:
     """One of the two that are compared.
 
@@ -327,11 +327,13 @@ def compare(
     InputError
         They have nothing in common.
     """
-    if a.is_measured or b.is_measured:
-        axes = [_displacement(side.columns, side.kind).column for side in (a, b)]
+    sides = (a, b)
+    exact = [side for side in sides if side.is_measured] or sides  # where they have values
+    if exact is not sides:
+        axes = [_displacement(side.columns, side.kind).column for side in sides]
         names = ["load_N"]
     else:
-        axes = [next(iter(side.columns)) for side in (a, b)]
+        axes = [next(iter(side.columns)) for side in sides]
         if axes[0] != axes[1]:
             raise InputError(
                 f'"{a.path}" is a curve over {axes[0]} and "{b.path}" one over {axes[1]}, which '
@@ -339,23 +341,19 @@ def compare(
             )
         names = [name for name in a.columns if name in b.columns and name != axes[0]]
     lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
-    # Where one was measured, or was asked for: there at least that one is exact.
-    marked = [
-        side.columns[x] for side, x in zip((a, b), axes, strict=True)
-        if side.is_measured or not (a.is_measured or b.is_measured)
-    ]  # fmt: skip
-    at = np.concatenate(marked)
-    found = {
-        name: difference(*pair, at, relative=quantity(name).unit != "°")
-        for name, pair in lines.items()
-    }
-    figures = {name: value for name, value in found.items() if value is not None}
+    x = {side: side.columns[axis] for side, axis in zip(sides, axes, strict=True)}
+    at = np.concatenate([x[side] for side in exact])
+    figures = {}
+    for name, pair in lines.items():
+        found = difference(*pair, at, relative=quantity(name).unit != "°")
+        if found is not None:
+            figures[name] = found
     if not figures:
-        ends = [side.columns[x] for side, x in zip((a, b), axes, strict=True)]
-        texts = [f"{end.min():.4g} to {end.max():.4g} {quantity(axes[0]).log_unit}" for end in ends]
-        raise InputError(
-            f'"{a.path}" ({texts[0]}) and "{b.path}" ({texts[1]}) have no range in common'
-        )
+        unit = quantity(axes[0]).log_unit
+        ranges = [
+            f'"{side.path}" ({x[side].min():.4g} to {x[side].max():.4g} {unit})' for side in sides
+        ]
+        raise InputError(f"{' and '.join(ranges)} have no range in common")
     axis = next((x for x in axes if x != "displacement_mm"), axes[0])
     told = {
         "a": {"path": a.path, "title": a.title, "kind": a.kind},

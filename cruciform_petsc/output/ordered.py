@@ -2,7 +2,7 @@
 """Text files of many ranks: rows in one order on any number of ranks, and no rank holds them all.
 
 Rows are sent to the rank whose share of the numbers they belong to, made into text there, and
-written by one rank after the other.
+written by one rank after the other. Errors are those of tables.py.
 """
 
 from __future__ import annotations
@@ -63,11 +63,6 @@ def write_pieces(comm: MPI.Intracomm, path: str | Path, pieces: Iterable[bytes])
     path : str or Path
     pieces : iterable of bytes
         As many on every rank; made as they are needed.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
     with written_by_all(comm, path) as together:
         for piece in pieces:

@@ -3,7 +3,8 @@
 
 Every rank writes its own crossovers as one partition of an unstructured grid; no rank gathers.
 A series of states is one file with a time axis, of which ParaView makes an animation. Values
-are in SI units except for angles, which are in degrees, as their names say.
+are in SI units except for angles, which are in degrees, as their names say. Errors are those of
+tables.py.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ def write(result: TestResult, path: str | Path) -> None:
     InputError
         On every rank: the place cannot be written to. Nothing is left there then.
     """
-    several = len(result.states) > 1
-    (write_series if several else write_state)(path, result, file_notes(result))
+    write_any = write_series if len(result.states) > 1 else write_state
+    write_any(path, result, file_notes(result))
 
 
 def write_state(
@@ -75,11 +76,6 @@ def write_state(
         Where the file comes from; kept as attributes of the file's group ``VTKHDF``.
     index : int
         Which of the result's states.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to. Nothing is left there then.
     """
     state, network = result.states[index], result.network
     arrays = grid_arrays(network, state.node_displacement, state.fields)
@@ -92,11 +88,6 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
     Time is the control of the test in the curve's unit, or the number of the state where controls
     do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds them. Cells and
     what does not change with time are in the file once; data as in `write_state`.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to. Nothing is left there then.
     """
     network, column, states = result.network, result.experiment.column, result.states
     at_rest = {
@@ -218,11 +209,6 @@ def write_by_rank(
     series : (names, steps, axis), optional
         Arrays that change, which are written one step after the other; the arrays of the further
         steps, made as they are needed; and the group ``Steps``, the same on every rank.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
     import h5py
 

@@ -170,19 +170,15 @@ def parents_terminal() -> Path | None:
 
 def _columns() -> int:
     """Width of the terminal; ranks do not know mpirun's."""
-    for place in (None, parents_terminal()):
-        with suppress(OSError, ValueError):
-            if place is None:
-                columns = os.get_terminal_size(sys.stdout.fileno()).columns
-            else:
-                descriptor = os.open(place, os.O_WRONLY | os.O_NOCTTY)
-                try:
-                    columns = os.get_terminal_size(descriptor).columns
-                finally:
-                    os.close(descriptor)
-            if columns >= NARROWEST:
-                return columns
-    return 80
+    widths = [80]
+    place = parents_terminal()
+    with suppress(OSError):
+        if place is not None:
+            with os.fdopen(os.open(place, os.O_WRONLY | os.O_NOCTTY), "w") as terminal:
+                widths.insert(0, os.get_terminal_size(terminal.fileno()).columns)
+    with suppress(OSError, ValueError):
+        widths.insert(0, os.get_terminal_size(sys.stdout.fileno()).columns)
+    return next(width for width in widths if width >= NARROWEST)
 
 
 @contextmanager
@@ -208,18 +204,15 @@ def progress_bar(
     if not (log.isEnabledFor(logging.INFO) and log.handlers and is_terminal(stdout)):
         yield None
         return
-    try:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-    except ImportError:  # an ornament only
-        yield None
-        return
+    from rich import progress
+    from rich.console import Console
+
     console = Console(file=stdout, width=_columns(), force_terminal=True, highlight=False)
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=None),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[left]}", markup=False),
+    bar = progress.Progress(
+        progress.TextColumn("{task.description}", markup=False),
+        progress.BarColumn(bar_width=None),
+        progress.TextColumn("{task.percentage:>3.0f} %"),
+        progress.TextColumn("{task.fields[left]}", markup=False),
         console=console,
         expand=True,
         transient=True,

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..parallel import most
 from ..small.network import MODES
+from .progress import EFFORT
 from .provenance import provenance
 
 if TYPE_CHECKING:
@@ -138,13 +139,9 @@ def increment_rows(increments: Sequence[Increment]) -> list[dict[str, Any]]:
         {
             "control": increment.control,
             "load_n": increment.load,
-            "newton_iterations": increment.iterations,
-            "residual_n": increment.residual,
-            "tolerance_n": increment.tolerance,
             "shifted": increment.shifted,
             "cuts": increment.cuts,
-            "asked": increment.asked,
-            "seconds": increment.seconds,
+            **{name.lower(): getattr(increment, key) for name, key in EFFORT.items()},
         }
         for increment in increments
     ]

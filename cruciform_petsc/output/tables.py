@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Small files that rank 0 writes: curves as CSV, summaries as JSON."""
+"""Small files that rank 0 writes, curves as CSV, summaries as JSON; and how any file is written.
+
+A file gets its name when it is whole. Where a place cannot be written to, every rank raises an
+InputError, and nothing is left there.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +37,6 @@ def write_csv(
     columns : dict of sequences
         Names carry the units: ``extension_mm``, ``load_N``. Needed on rank 0 only. Numbers are
         written so that they read back exactly, those that are not finite as an empty field.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
 
     def write() -> None:
@@ -59,11 +58,6 @@ def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -
     path : str or Path
     data : dict
         Needed on rank 0 only. JSON knows no NaN and no infinity: they become null.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
 
     def write() -> None:
