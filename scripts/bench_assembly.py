@@ -2,17 +2,23 @@
 """Assembly of the network beside dolfinx's of a membrane with as many unknowns, in one run.
 
     ./scripts/fenicsx python3 scripts/bench_assembly.py [--crossovers 240000]
+    ./scripts/fenicsx python3 scripts/bench_assembly.py --coo --crossovers 60000
 
 Prints matrix entries per second of the first assembly (pattern included) and of re-assembly;
 writes results/bench_assembly_RANKS.json and a picture. The membrane is plane
 stress with quadratic displacements on triangles: about as many entries per row as the network.
+With --coo PETSc's assembly from lists of (row, column, value) stands beside solvers/pattern.py.
 """
 
 import argparse
+import ctypes
+from functools import partial
 from pathlib import Path
 
 import benchlib
+import numpy as np
 from benchlib import COMM, TABLE_1, Table, best, clock, outline
+from petsc4py import PETSc
 
 from cruciform_petsc import Network, Preform
 from cruciform_petsc.net.edges import Constraints
@@ -26,7 +32,6 @@ def entries(matrix) -> int:
 
 def membrane(unknowns: int, degree: int):
     """Bilinear form of an orthotropic membrane on a square with about some unknowns."""
-    import numpy as np
     import ufl
     from dolfinx import fem, mesh
 
@@ -75,6 +80,63 @@ def ours(crossovers: float, bending: bool) -> dict:
     return result
 
 
+def beside_coo(crossovers: float, bending: bool) -> tuple[dict, dict]:
+    """Times of pattern.py, and of MatSetPreallocationCOO and MatSetValuesCOO. One rank.
+
+    Element matrices are ready; the least of five. For COO it is known beforehand which entries are
+    zero in the yarn frame; pattern.py finds out. petsc4py 3.22 has no names for the two: PETSc's
+    own are called.
+    """
+    case = benchlib.system(crossovers, bending=bending)
+    linear, size = case.linear, case.matrix.getSize()[0]
+    d, nodes = linear.unknowns_per_node, linear.network.arm_node
+    library = ctypes.CDLL(PETSc.__file__)
+
+    def call(name, matrix, *arguments):
+        given = [ctypes.c_void_p(a.ctypes.data) if isinstance(a, np.ndarray) else a
+                 for a in arguments]  # fmt: skip
+        assert getattr(library, name)(ctypes.c_void_p(matrix.handle), *given) == 0
+
+    values = np.zeros((len(nodes), (4 * d) ** 2))
+    for group, (matrix, _) in zip(linear.groups, linear._condense(()), strict=True):
+        values[group.rows] = matrix.reshape(len(matrix), -1)
+    keep = abs(values) > 1e-11 * abs(values).max(axis=1, keepdims=True)
+    idle = np.arange(size, dtype=PETSc.IntType)
+
+    def first():
+        unknown = (nodes[:, :, None] * d + np.arange(d)).reshape(len(nodes), -1)
+        row, column = np.repeat(unknown, 4 * d, axis=1)[keep], np.tile(unknown, 4 * d)[keep]
+        coo = PETSc.Mat().create(comm=PETSc.COMM_SELF)
+        coo.setSizes((size, size))
+        coo.setType("aij")
+        pairs = [np.concatenate([part, idle]).astype(PETSc.IntType) for part in (row, column)]
+        call("MatSetPreallocationCOO", coo, ctypes.c_int64(len(pairs[0])), *pairs)
+        return coo
+
+    def again():
+        listed = np.concatenate([values[keep], np.zeros(size)])
+        call("MatSetValuesCOO", coo, listed, ctypes.c_int(PETSc.InsertMode.INSERT_VALUES))
+
+    def our_first():
+        for name in ("_pattern", "_layout"):
+            vars(linear).pop(name, None)
+        return linear.matrix()
+
+    results = []
+    for make in (our_first, first):
+        seconds = []
+        for _ in range(5):
+            with clock() as one:
+                coo = matrix = make()
+                if make is first:
+                    again()
+            seconds.append(one.cpu)
+        fill = again if make is first else partial(linear.matrix, reuse=matrix)
+        count = {"unknowns": size, "entries": entries(matrix)}
+        results.append(count | {"first": min(seconds), "again": best(fill, 5).cpu})
+    return results[0], results[1]
+
+
 def theirs(unknowns: int, degree: int) -> dict:
     """Times of dolfinx."""
     from dolfinx.fem import petsc
@@ -109,11 +171,13 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--crossovers", type=float, default=240_000)
+    parser.add_argument("--coo", action="store_true", help="beside PETSc's COO assembly instead")
     arguments, _ = parser.parse_known_args()
     benchlib.say_machine()
     for bending in (True, False):  # compiled, or read, before the clock runs
         ours(3000, bending)
-    theirs(2000, 1), theirs(2000, 2)
+    if not arguments.coo:
+        theirs(2000, 1), theirs(2000, 2)
     table = Table(
         f"Assembly on {COMM.size} rank(s), processor time",
         "what", "unknowns", "entries, 10^6", "first, s", "again, s", "first, 10^6 entries/s",
@@ -122,8 +186,12 @@ def main() -> None:
     results = {}
     for bending in (True, False):
         name = f"network, {'bending' if bending else 'no bending'}"
-        results[name] = ours(arguments.crossovers, bending)
-    for degree in (1, 2):
+        if arguments.coo:
+            pair = beside_coo(arguments.crossovers, bending)
+            results[f"{name}, pattern.py"], results[f"{name}, COO"] = pair
+        else:
+            results[name] = ours(arguments.crossovers, bending)
+    for degree in () if arguments.coo else (1, 2):
         results[f"dolfinx, degree {degree}"] = theirs(
             results["network, bending"]["unknowns"], degree
         )
@@ -137,13 +205,14 @@ def main() -> None:
             f"{one['entries'] / one['first'] / 1e6:.1f}",
             f"{one['entries'] / one['again'] / 1e6:.1f}",
         )
-    own = results["network, bending"]
-    if COMM.rank == 0:
+    if COMM.rank == 0 and not arguments.coo:
+        own = results["network, bending"]
         print(f"\nnetwork generated in {own['network']:.2f} s, elements and supports in "
               f"{own['elements']:.2f} s")  # fmt: skip
-    benchlib.save(Path(f"results/bench_assembly_{COMM.size}.json"), assembly=results)
+    name = f"results/bench_{'coo' if arguments.coo else 'assembly'}_{COMM.size}"
+    benchlib.save(Path(f"{name}.json"), assembly=results)
     if COMM.rank == 0:
-        picture(Path(f"results/bench_assembly_{COMM.size}.png"), results)
+        picture(Path(f"{name}.png"), results)
 
 
 def picture(path: Path, results: dict) -> None:

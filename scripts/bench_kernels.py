@@ -11,14 +11,14 @@ import time
 
 import numpy as np
 
-from cruciform_petsc.elements import energy
+from cruciform_petsc.elements import cruciform as kernels
 from cruciform_petsc.laws import linear, table
 
 NUMBER, RUNS = 250_000, 7
 LINEAR = linear(600.0).packed
 CLOTHS = {
-    "linear laws": energy.Cloth(LINEAR, LINEAR, linear(96.0).packed, 210.0),
-    "tables, logarithmic strain, softening": energy.Cloth(
+    "linear laws": kernels.Cloth(LINEAR, LINEAR, linear(96.0).packed, 210.0),
+    "tables, logarithmic strain, softening": kernels.Cloth(
         table([0.01, 0.1], [5.0, 90.0]).packed, LINEAR,
         table([0.1, 0.5, 1.0], [5.0, 40.0, 300.0]).packed, 0.0, True, 0.01,
     ),
@@ -51,13 +51,13 @@ def main() -> dict[str, float]:
         own = np.ascontiguousarray(np.broadcast_to(np.arange(4), (NUMBER, 4)), np.int64)
         held = np.zeros((NUMBER, 4, dim))
         for name, cloth in CLOTHS.items():
-            given = (x, length, area, cloth, energy.STIFFNESS, own, own, held)
-            out = energy.cruciforms(*given)
+            given = (x, length, area, cloth, kernels.STIFFNESS, own, own, held)
+            out = kernels.cruciforms(*given)
             arrays = (x, length, area, own, own, held, *out)
             pairs = [(array, array.copy()) for array in arrays]
             kernel, stream = np.min(
                 [
-                    (seconds(energy.cruciforms, *given, out=out), seconds(copy, pairs))
+                    (seconds(kernels.cruciforms, *given, out=out), seconds(copy, pairs))
                     for _ in range(RUNS)
                 ],
                 axis=0,

@@ -27,8 +27,10 @@ from benchlib import COMM, Table
 from mpi4py import MPI
 from scipy.optimize import nnls
 
-from cruciform_petsc.solvers.linear import YARN_MULTIGRID, LinearSolver
-from cruciform_petsc.solvers.multigrid import COARSEST, SWEEPS, yarn_multigrid
+from cruciform_petsc.small.multigrid import yarn_multigrid
+from cruciform_petsc.solvers.linear import LinearSolver
+from cruciform_petsc.solvers.multigrid import COARSEST, SWEEPS
+from cruciform_petsc.solvers.options import YARN_MULTIGRID
 
 OPTIONS = YARN_MULTIGRID | {"ksp_rtol": 1e-8}
 UNKNOWNS = 6.05  # per crossover, with bending

@@ -2,12 +2,13 @@
 """Solvers of the network side by side, in one run.
 
     ./scripts/fenicsx python3 scripts/bench_solvers.py [--crossovers 240000]
+    ./scripts/fenicsx python3 scripts/bench_solvers.py --limit [--largest 120000]
     ./scripts/fenicsx mpirun -n 2 python3 -m mpi4py scripts/bench_solvers.py --robustness
 
 The first prints set-up, solution, iterations, cost in products with the matrix and memory of the
 yarn multigrid, GAMG, BoomerAMG, MUMPS and CHOLMOD, to a true residual of 1e-8, and draws them; the
-second the iterations of the yarn multigrid for many preforms and fabrics. Both print Markdown and
-write results/*.json.
+second MUMPS beside the yarn multigrid from size to size, for DIRECT_LIMIT; the third the iterations
+of the yarn multigrid for many preforms and fabrics. All print Markdown and write results/*.json.
 """
 
 import argparse
@@ -22,8 +23,9 @@ from benchlib import COMM, System, Table, clock, cloth, matvec_seconds, system
 from petsc4py import PETSc
 
 from cruciform_petsc.errors import SolverError
-from cruciform_petsc.solvers.linear import DIRECT, YARN_MULTIGRID, LinearSolver
-from cruciform_petsc.solvers.multigrid import yarn_multigrid
+from cruciform_petsc.small.multigrid import yarn_multigrid
+from cruciform_petsc.solvers.linear import LinearSolver
+from cruciform_petsc.solvers.options import DIRECT, DIRECT_LIMIT, YARN_MULTIGRID
 
 TOLERANCE = 1e-8
 CG = {
@@ -51,11 +53,14 @@ GAMG_TUNED = {
 }
 
 
-def measure(case: System, options: dict) -> dict | None:
-    """Set-up and solution times, iterations, residual and memory of one solver. Collective."""
+def measure(case: System, options: dict, check: bool = False) -> dict | None:
+    """Set-up and solution times, iterations, residual and memory of one solver. Collective.
+
+    check: with a direct solver's search for mechanisms, as a run has it.
+    """
     gc.collect()
+    before = benchlib.resident_mib()  # what others have freed is given back first
     benchlib.reset_peak()
-    before = benchlib.resident_mib()
     near_null = case.near_null if options["pc_type"] == "gamg" else None
     solver = None
     try:
@@ -63,9 +68,8 @@ def measure(case: System, options: dict) -> dict | None:
             solver = LinearSolver(
                 case.matrix, near_null, options, multigrid=partial(yarn_multigrid, case.linear)
             )
-        solver._checked = True  # time the solution, not the search for mechanisms
         with clock() as solution:
-            x, info = solver.solve(case.rhs)
+            x, info = solver.solve(case.rhs, singular=not check)
         x.destroy()
     except SolverError as error:
         if COMM.rank == 0:
@@ -161,6 +165,40 @@ def compare(crossovers: float, direct: bool) -> None:
     case.destroy()
 
 
+def limit(largest: float) -> None:
+    """MUMPS and the yarn multigrid by size, as a run uses them; least of three of each."""
+    for bending in (True, False):
+        warm = system(3000, bending=bending)
+        measure(warm, YARN_MULTIGRID | CG)
+        warm.destroy()
+    table = Table(
+        f"MUMPS beside the yarn multigrid on {COMM.size} rank(s), processor time, to 1e-9; "
+        f"DIRECT_LIMIT is {DIRECT_LIMIT}",
+        "crossovers", "bending", "unknowns", "MUMPS, s", "MiB", "yarn multigrid, s", "MiB",
+        "MUMPS in multigrids",
+    )  # fmt: skip
+    for size in (n for n in (3e3, 1e4, 3e4, 6e4, 1.2e5, 2.4e5) if n <= largest):
+        for bending in (True, False):
+            case = system(size, bending=bending)
+            seconds, memory = [], []
+            for options in (DIRECT, YARN_MULTIGRID):
+                runs = [measure(case, options, check=True) for _ in range(3)]
+                seconds.append(min(run["total"] for run in runs))
+                memory.append(runs[0]["memory"])
+            table.row(
+                case.linear.network.num_crossovers_global,
+                "yes" if bending else "no",
+                case.matrix.getSize()[0],
+                f"{seconds[0]:.2f}",
+                f"{memory[0]:.0f}",
+                f"{seconds[1]:.2f}",
+                f"{memory[1]:.0f}",
+                f"{seconds[0] / seconds[1]:.1f}",
+            )
+            case.destroy()
+    benchlib.save(Path(f"results/bench_limit_{COMM.size}.json"), table=table.rows)
+
+
 def picture(path: Path, crossovers: int, results: dict[str, dict]) -> None:
     """Bars of set-up and solution."""
     import matplotlib
@@ -245,11 +283,14 @@ def main() -> None:
     parser.add_argument("--crossovers", type=float, default=240_000)
     parser.add_argument("--no-direct", action="store_true", help="leave the direct solvers out")
     parser.add_argument("--robustness", action="store_true", help="iterations instead of times")
-    parser.add_argument("--largest", type=float, default=1e6, help="size for --robustness")
+    parser.add_argument("--limit", action="store_true", help="MUMPS and multigrid by size")
+    parser.add_argument("--largest", type=float, help="size for --robustness (10^6), --limit")
     arguments, _ = parser.parse_known_args()
     benchlib.say_machine()
     if arguments.robustness:
-        robustness(arguments.largest)
+        robustness(arguments.largest or 1e6)
+    elif arguments.limit:
+        limit(arguments.largest or 1.2e5)
     else:
         compare(arguments.crossovers, not arguments.no_direct)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from math import pi, radians, sqrt
 from pathlib import Path
 
+import numba
 import numpy as np
 import shapely
 from mpi4py import MPI
@@ -24,11 +25,13 @@ from petsc4py import PETSc
 from cruciform_petsc import Fabric, Network, Preform
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.small.network import LinearNetwork
+from cruciform_petsc.solvers.options import blas_in_use
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
 EXTENSION = 0.01  # of the preform's length
 BIAS = radians(45)
+IDLE = 0.5  # load of a machine that has nothing else to do
 
 
 # -- output ------------------------------------------------------------------------------------
@@ -62,7 +65,7 @@ def save(path: Path, **results) -> None:
 
 
 def machine() -> dict[str, str]:
-    """Processor, cores and versions."""
+    """Processor, cores, versions, and how busy the machine is."""
     name = platform.processor() or platform.machine()
     try:
         found = re.search(r"model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text())
@@ -76,14 +79,24 @@ def machine() -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "numba": numba.__version__,
+        "blas": blas_in_use(),
         "mpi": MPI.Get_library_version().split(",")[0].strip("\0 \n"),
+        "load": " ".join(f"{load:.1f}" for load in os.getloadavg()),
     }
 
 
 def say_machine() -> None:
-    """Print the machine in one line."""
+    """Print the machine in one line, and a remark if others use it. Call it first."""
     if COMM.rank == 0:
         print(", ".join(f"{key} {value}" for key, value in machine().items()), flush=True)
+        load = os.getloadavg()[0]
+        if load > IDLE:
+            print(
+                f"REMARK: the machine is busy, {load:.1f} processes wanted to run in the last "
+                "minute before this one: wall-clock times are not to be trusted, processor times "
+                "are too long"
+            )
 
 
 # -- measuring ---------------------------------------------------------------------------------

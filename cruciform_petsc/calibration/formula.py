@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..elements.kinematics import net_angle
+from ..experiments.net_kinematics import net_angle
 
 # Where the net is all but stretched out, a little yarn strain is much shear: g there is made up.
 LARGEST_ANGLE = np.deg2rad(75.0)

@@ -35,12 +35,12 @@ import numpy as np
 from ..cloth.fabric import Fabric
 from ..elements import cruciform as kernels
 from ..elements.cruciform import ENERGY, FORCE, Cloth
-from ..elements.kinematics import net_reach
 from ..equilibrium.finite import FiniteNetwork
 from ..equilibrium.newton import Equilibrium, EquilibriumError, follow
 from ..errors import CruciformError, InputError
 from ..experiments.bias_extension import BiasExtension
 from ..experiments.experiment import Experiment
+from ..experiments.net_kinematics import net_reach
 from ..experiments.picture_frame import PictureFrame
 from ..laws import LINEAR, TABLE, Potential, linear
 from ..laws import table as table_law

@@ -28,6 +28,7 @@ from petsc4py import PETSc
 
 from ..errors import InputError
 from ..solvers import linear
+from ..solvers.options import DIRECT as CHOLESKY
 from .domain import (
     Dirichlet,
     MembraneDomain,
@@ -44,7 +45,7 @@ __all__ = ["Membrane", "MembraneResult", "default_size", "outline_width", "singu
 # 2.1 GiB per rank against 118 s and 1.8 GiB for multigrid.
 MAX_DOFS_DIRECT = 2_000_000
 
-DIRECT = {**linear.DIRECT, "mat_mumps_icntl_14": 50}
+DIRECT = {**CHOLESKY, "mat_mumps_icntl_14": 50}
 ITERATIVE = {
     "ksp_type": "cg",
     "ksp_norm_type": "unpreconditioned",

@@ -19,7 +19,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import SolverError
-from ..solvers.linear import (
+from ..solvers.options import (
     DIRECT_LIMIT,
     ITERATIVE,
     PREFIX,

@@ -56,6 +56,7 @@ def unknowns_of(model: FiniteNetwork) -> Unknowns:
         np.repeat(point, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
+        network.partition.owner,
         OnYarns(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
     )
 
@@ -72,7 +73,7 @@ class TangentMultigrid:
     """
 
     def __init__(self, model: FiniteNetwork, prefix: str):
-        self.partition, self.prefix = model.network.partition, prefix
+        self.prefix = prefix
         self.unknowns = unknowns_of(model)
         self._solver: LinearSolver | None = None
         self.error: SolverError | None = None
@@ -87,7 +88,7 @@ class TangentMultigrid:
                 matrix,
                 extra={"pc_type": "mg"},
                 prefix=self.prefix,
-                multigrid=lambda of: hierarchy(of, self.partition, self.unknowns),
+                multigrid=lambda of: hierarchy(of, self.unknowns),
             )
         except SolverError as error:
             self.error = error

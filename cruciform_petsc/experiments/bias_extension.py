@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..elements.kinematics import net_reach
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -15,6 +14,7 @@ from ..quantities import si_text
 from ..small.network import LinearNetwork
 from ..small.separate import solve_separately
 from .experiment import PULL, Experiment, Grip
+from .net_kinematics import net_reach
 from .result import State, TestResult
 
 

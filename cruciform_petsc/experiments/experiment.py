@@ -24,9 +24,9 @@ from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
 from ..quantities import EXTENSION, Quantity
+from ..small.multigrid import yarn_multigrid
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
-from ..solvers.multigrid import yarn_multigrid
 from ..units import format_si, to_si
 from .result import State, TestResult
 
@@ -191,7 +191,7 @@ class Experiment:
     def net_gauge(self) -> float | None:
         """Gauge length, m, of a strip that an inextensible net would shear like a bias test.
 
-        See elements.kinematics.net_angle; None where the test is no such thing.
+        See net_kinematics.net_angle; None where the test is no such thing.
         """
         return None
 

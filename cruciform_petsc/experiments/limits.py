@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..elements.kinematics import net_reach
 from ..parallel import least, most
 from ..quantities import si_text
+from .net_kinematics import net_reach
 
 if TYPE_CHECKING:
     from .result import TestResult

@@ -28,7 +28,7 @@ class Supports:
     round_ : int32 (n_owned,)
         In which round of removal a crossover was left out; 0 for carrying ones.
     strain_source, rotation_source : int (n_boundary, 4)
-        See elements.kinematics.arm_rows.
+        See elements.small.arm_rows.
     quadrant_area : float (n_boundary, 4)
         Areas that carry: without quadrants of a yarn that has no arm at its crossover.
     slaved : bool (n_boundary, 4)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..elements.kinematics import net_angle
+from ..experiments.net_kinematics import net_angle
 from ..parallel import least, most
 from ..quantities import EXTENSION, LOAD, force_unit, quantity
 from ..small.network import MODES

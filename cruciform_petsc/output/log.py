@@ -17,6 +17,7 @@ import numpy as np
 
 from .. import __version__
 from ..quantities import angle_text, force_text, quantity, tension_text
+from ..solvers.options import blas_in_use
 from ..units import format_si
 from .provenance import versions
 
@@ -56,12 +57,13 @@ def peak_mib(comm: MPI.Intracomm) -> list[float]:
 
 
 def tell_program(log: logging.Logger, ranks: int) -> None:
-    """Program, versions and ranks; and that kernels will be compiled, where none are kept."""
+    """Program, versions, BLAS and ranks; and that kernels will be compiled, where none are kept."""
     package = Path(__file__).parents[1]
     if os.access(package, os.W_OK) and not any(package.glob("solvers/__pycache__/pattern.*.nbi")):
         log.info("%sfirst run here: kernels are compiled, once, which takes some 10 s", INDENT)
-    text = f"cruciform_petsc {__version__}, PETSc {versions()['petsc']}, {ranks} rank"
-    log.info("%s%s%s", INDENT, text, "s" if ranks > 1 else "")
+    libraries = f"PETSc {versions()['petsc']}, {blas_in_use()}"
+    text = f"cruciform_petsc {__version__}, {libraries}, {ranks} rank{'s' if ranks > 1 else ''}"
+    log.info("%s%s", INDENT, text)
 
 
 def tell_network(log: logging.Logger, statistics: Mapping[str, Any]) -> None:

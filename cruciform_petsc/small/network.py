@@ -4,38 +4,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..elements import bending, shear, tension
-from ..elements.kinematics import DISPLACEMENTS, arm_rows, condense, with_rotations
+from ..elements import small as kernels
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.supports import Supports, find_supports, pass_on_loads
 from ..solvers.pattern import BlockPattern, Layout
 
 MODES = ("tension", "shear", "bending")
+# Entries of an element this small beside its largest are rounding: true ones are 1e-5 and more
+# where no mode is softer than another, rounding is 1e-15 and less.
+STRUCTURE = 1e-11
 
 
 @dataclass
 class _Group:
     """Cruciforms handled together: all regular ones share one matrix, each cut one has its own.
 
-    Arrays over elements have length len(rows), or 1 where all are alike.
+    An element's own unknowns (n of them) are those of its four nodes, in their frames, then the
+    hinge's. Arrays over elements have length len(rows), or 1 where all are alike.
     """
 
     rows: np.ndarray  # owned crossovers
-    strain: np.ndarray  # (., 4, 10) arm strains from displacements
-    rotation: np.ndarray  # (., 4, 10) arm rotations
     area: np.ndarray  # (., 4)
-    parts: dict[str, np.ndarray]  # mode -> (., m, m) on all element unknowns, hinge included
-    # Of cruciforms at the outline only:
-    turn: Any = None  # (., k, k) node frames, kept unknowns
-    hinge_slot: Any = None  # (.,) arm whose node is the hinge, or -1
-    tail_load: Any = None  # (., m) loads on slaved tails
+    parts: dict[str, np.ndarray]  # mode -> (., n, n)
+    measures: dict[str, np.ndarray]  # field -> (., k, n), the rows that give it
+    tail_load: np.ndarray  # (., n), loads on tails that follow their yarn
 
 
 class LinearNetwork:
@@ -67,11 +66,10 @@ class LinearNetwork:
         self.supports: Supports = find_supports(constraints)
         self.length_scale = float(self.network.pitch.mean())
         self.force = pass_on_loads(constraints, self.supports)
+        self._kept = 4 * self.unknowns_per_node  # of an element's unknowns, by condensation
         self.groups = [self._regular_group(), self._boundary_group()]
         self._condensed: dict[tuple[str, ...], list] = {}
         self.free = self.supports.active & ~constraints.fixed
-        self._pattern: BlockPattern | None = None
-        self._layout: Layout | None = None
         unknowns = self.unknowns_per_node * self.network.num_nodes_global
         if unknowns > np.iinfo(PETSc.IntType).max:
             raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")
@@ -83,97 +81,92 @@ class LinearNetwork:
 
     # -- elements -------------------------------------------------------------------------------
 
-    def _parts(self, a, strain, rotation, area) -> dict[str, np.ndarray]:
-        fabric = self.network.fabric
-        parts = {
-            "tension": tension.stiffness(strain, area, fabric.c11, fabric.c22, fabric.c12),
-            "shear": shear.stiffness(rotation, area, fabric.shear_modulus),
+    def _group(self, rows, a, area, strain, rotation, own) -> _Group:
+        """Elements of some arms; own (., m, n): the yarn frame's unknowns from their own."""
+        fabric, pitch = self.network.fabric, self.network.pitch
+        u = own[:, kernels.DISPLACEMENTS] if self.bending else own
+        tension = kernels.tension(strain, area, fabric.c11, fabric.c22, fabric.c12)
+        shear = kernels.shear(rotation, area, fabric.shear_modulus)
+        parts = {"tension": _through(u, tension), "shear": _through(u, shear)}
+        if self.bending:
+            # [23]: the yarns within the cruciform's width, whole ones also where it is cut.
+            warp = fabric.warp.yarn_bending * fabric.warp.yarns * pitch[1]
+            weft = fabric.weft.yarn_bending * fabric.weft.yarns * pitch[0]
+            rigidity = np.broadcast_to([warp, weft, warp, weft], (len(a), 4))
+            t = np.broadcast_to(self.network.arm_directions, (len(a), 4, 2))
+            parts["bending"] = _through(own, kernels.bending(a, t, rigidity, self.length_scale))
+        measures = {
+            "displacement": u[:, 8:],
+            "arm_strain": strain @ u,
+            "arm_rotation": rotation @ u,
         }
-        if not self.bending:
-            return parts
-        parts = {mode: with_rotations(matrix) for mode, matrix in parts.items()}
-        t = np.broadcast_to(self.network.arm_directions, (len(a), 4, 2))
-        # [23]: the yarns within the cruciform's width, whole yarns also where the outline cuts it.
-        along_warp, along_weft = self.network.pitch
-        warp = fabric.warp.yarn_bending * fabric.warp.yarns * along_weft
-        weft = fabric.weft.yarn_bending * fabric.weft.yarns * along_warp
-        rigidity = np.broadcast_to([warp, weft, warp, weft], (len(a), 4))
-        parts["bending"] = bending.stiffness(a, t, rigidity, self.length_scale)
-        return parts
+        return _Group(rows, area, parts, measures, np.zeros((len(a), own.shape[2])))
 
     def _regular_group(self) -> _Group:
         network = self.network
         regular = np.ones(network.num_crossovers_owned, bool)
         regular[network.boundary_crossovers] = False
         a = np.tile(0.5 * network.pitch, 2)[None]
-        t = network.arm_directions[None]
-        strain, rotation = arm_rows(a, t)
         area = np.full((1, 4), 0.25 * network.pitch.prod())
-        parts = self._parts(a, strain, rotation, area)
-        return _Group(np.flatnonzero(regular), strain, rotation, area, parts)
+        own = np.eye(16 if self.bending else 10)[None]
+        strain, rotation = kernels.arm_rows(a, network.arm_directions[None])
+        return self._group(np.flatnonzero(regular), a, area, strain, rotation, own)
 
     def _boundary_group(self) -> _Group:
-        network, supports = self.network, self.supports
+        network, supports, d = self.network, self.supports, self.unknowns_per_node
         keep = supports.carrying[network.boundary_crossovers]
         rows = network.boundary_crossovers[keep]
         a, nodes = network.arm_length[rows], network.arm_node[rows]
-        t = np.broadcast_to(network.arm_directions, (len(rows), 4, 2))
-        strain, rotation = arm_rows(
-            a, t, supports.strain_source[keep], supports.rotation_source[keep]
+        strain, rotation = kernels.arm_rows(
+            a,
+            np.broadcast_to(network.arm_directions, (len(rows), 4, 2)),
+            supports.strain_source[keep],
+            supports.rotation_source[keep],
         )
-        area = supports.quadrant_area[keep]
-        parts = self._parts(a, strain, rotation, area)
-
-        missing = a == 0
-        hinge_slot = np.where(missing.any(axis=1), missing.argmax(axis=1), -1)
-        d = self.unknowns_per_node
-        tied_rows = np.flatnonzero(hinge_slot >= 0)
-        held = self.constraints.held[nodes[tied_rows, hinge_slot[tied_rows]]]
-        for matrix in parts.values():
-            _tie_hinge(matrix, tied_rows, hinge_slot[tied_rows], d)
-            if self.bending:
-                # A clamp holds the direction of both yarns of a crossover that lies on it.
-                for psi in (14, 15):
-                    matrix[tied_rows[held], psi, :] = 0.0
-                    matrix[tied_rows[held], :, psi] = 0.0
-
-        turn = np.tile(np.eye(4 * d), (len(rows), 1, 1))
+        own = np.tile(np.eye(16 if self.bending else 10), (len(rows), 1, 1))
         for k in range(4):
-            turn[:, d * k : d * k + 2, d * k : d * k + 2] = self.constraints.frame[nodes[:, k]]
+            frame = self.constraints.frame[nodes[:, k]]
+            own[:, d * k : d * k + 2, d * k : d * k + 2] = np.swapaxes(frame, 1, 2)
+        # A hinge on the outline is a node: the one of the arm that is missing.
+        tied = np.flatnonzero((a == 0).any(axis=1))
+        slot = (a[tied] == 0).argmax(axis=1)
+        for c in range(2):
+            own[tied, 4 * d + c] = own[tied, d * slot + c]
+        if self.bending:
+            # A clamp holds the direction of both yarns of a crossover that lies on it.
+            own[tied[self.constraints.held[nodes[tied, slot]]], 14:] = 0.0
+        group = self._group(rows, a, supports.quadrant_area[keep], strain, rotation, own)
 
-        push = np.zeros((len(rows), 10))
         for k in range(4):  # u_tail across the yarn = u_0 + a theta, theta the yarn's rotation
             normal = network.arm_directions[(k + 1) % 4]
             slaved = supports.slaved[keep][:, k]
             across = np.where(slaved, self.force[nodes[:, k]] @ normal, 0.0)
-            push[:, 8:] += across[:, None] * normal
-            push += (across * a[:, k])[:, None] * rotation[:, k]
-        load = np.zeros((len(rows), matrix.shape[1]))
-        load[:, DISPLACEMENTS if self.bending else slice(None)] = push
-        tie = np.zeros((len(rows), 1, load.shape[1]))
-        tie[:, 0] = load
-        _tie_hinge_rows(tie, tied_rows, hinge_slot[tied_rows], d)
-        load = tie[:, 0]
-        return _Group(rows, strain, rotation, area, parts, turn, hinge_slot, load)
+            group.tail_load += across[:, None] * (normal @ group.measures["displacement"])
+            turn = group.measures["arm_rotation"][:, k]
+            group.tail_load += (across * a[:, k])[:, None] * turn
+        return group
 
     def _condense(self, modes: tuple[str, ...]) -> list[tuple[np.ndarray, np.ndarray]]:
         """(stiffness on node unknowns, recovery of the hinge) of each group, cached."""
+        modes = modes or self.modes
         if modes not in self._condensed:
-            pairs = []
-            for group in self.groups:
-                total = np.sum([group.parts[mode] for mode in modes], axis=0)
-                matrix, recovery = condense(total, 4 * self.unknowns_per_node)
-                if group.turn is not None:
-                    matrix = group.turn @ matrix @ np.swapaxes(group.turn, 1, 2)
-                    recovery = recovery @ np.swapaxes(group.turn, 1, 2)
-                pairs.append((matrix, recovery))
-            self._condensed[modes] = pairs
+            self._condensed[modes] = [
+                kernels.condense(np.sum([group.parts[mode] for mode in modes], 0), self._kept)
+                for group in self.groups
+            ]
         return self._condensed[modes]
 
     def _element_values(self, group: _Group, local: np.ndarray) -> np.ndarray:
         """Values of local nodes (n_local, d) at the four arm ends of each element, (m, 4 d)."""
         width = 4 * (local.shape[1] if local.ndim > 1 else 1)
         return local[self.network.arm_node[group.rows]].reshape(len(group.rows), width)
+
+    def _sum_at_nodes(self, group: _Group, values: np.ndarray) -> np.ndarray:
+        """What the elements (m, 4 d) contribute to local nodes together, (n_local, d)."""
+        shape = self.free.shape
+        places = self._element_values(group, np.arange(self.free.size).reshape(shape))
+        size = self.free.size
+        return np.bincount(places.ravel(), values.ravel(), minlength=size).reshape(shape)
 
     # -- distributed matrices and vectors -------------------------------------------------------
 
@@ -183,16 +176,10 @@ class LinearNetwork:
         Symmetric; prescribed and non-existing unknowns have a diagonal entry only. With ``reuse``
         (a matrix made here before) only values change. The caller destroys the matrix.
         """
-        modes = tuple(modes or self.modes)
-        if self._pattern is None:
-            self._pattern = BlockPattern(
-                self.network, [self.network.arm_node], self.unknowns_per_node
-            )
-            self._layout = self._pattern.layout(self._nonzero(self._pattern))
         pattern = self._pattern
         blocks = pattern.empty_blocks()
         for group, (matrix, _) in zip(self.groups, self._condense(modes), strict=True):
-            self._add(pattern, blocks, group, matrix)
+            self._add(blocks, group, matrix)
         d, owned = self.unknowns_per_node, self.network.num_nodes_owned
         diagonal = np.arange(d)
         blocks[pattern.diagonal[:, None], diagonal, diagonal] += np.where(
@@ -201,34 +188,39 @@ class LinearNetwork:
         result = pattern.matrix(blocks, reuse, self._layout)
         result.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         result.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        result.setOption(PETSc.Mat.Option.SPD, set(modes) == set(self.modes))
+        result.setOption(PETSc.Mat.Option.SPD, set(modes or self.modes) == set(self.modes))
         return result
 
-    def _add(
-        self, pattern: BlockPattern, blocks: np.ndarray, group: _Group, matrix: np.ndarray
-    ) -> None:
+    def _add(self, blocks: np.ndarray, group: _Group, matrix: np.ndarray) -> None:
         """Add a group's matrices (m or 1, k, k) to blocks, without what is not free."""
         free = self._element_values(group, self.free)
-        masked = np.ones(len(free), bool)
-        if group.turn is None:  # away from the outline few, if any, unknowns are not free
-            masked[:] = ~free.all(axis=1)
-            pattern.add(blocks, group.rows[~masked], matrix)
-            free = free[masked]
-        free = free.astype(matrix.dtype)
+        whole = free.all(axis=1)  # nearly all of them, away from clamps
+        self._pattern.add(blocks, group.rows[whole], matrix if len(matrix) == 1 else matrix[whole])
+        free = free[~whole].astype(matrix.dtype)
+        matrix = matrix if len(matrix) == 1 else matrix[~whole]
         matrix = matrix * free[:, :, None] * free[:, None, :]
-        pattern.add(blocks, group.rows[masked], matrix)
+        self._pattern.add(blocks, group.rows[~whole], matrix)
 
-    def _nonzero(self, pattern: BlockPattern) -> np.ndarray:
-        """Blocks that are not zero where the matrix of all modes or of any one may be. Collective.
+    @cached_property
+    def _pattern(self) -> BlockPattern:
+        return BlockPattern(self.network, [self.network.arm_node], self.unknowns_per_node)
 
-        In the yarn frame two fifths of the entries are zero, whatever the moduli.
+    @cached_property
+    def _layout(self) -> Layout:
+        """Entries that are not zero where the matrix of all modes or of any one may be. Collective.
+
+        In the yarn frame two fifths of the entries are zero, whatever the moduli. Modes count alike
+        here, so that a soft one's entries stand clear of the rounding of a stiff one's.
         """
+        pattern = self._pattern
         blocks = pattern.empty_blocks(bool)
         blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
-        each = [self._condense(modes) for modes in (self.modes, *((m,) for m in self.modes))]
-        for group, *pairs in zip(self.groups, *each, strict=True):
-            self._add(pattern, blocks, group, np.any([matrix != 0 for matrix, _ in pairs], axis=0))
-        return pattern.collect(blocks)
+        for group in self.groups:
+            alike = {mode: part / _largest(part) for mode, part in group.parts.items()}
+            for modes in (self.modes, *((mode,) for mode in self.modes)):
+                matrix, _ = kernels.condense(np.sum([alike[mode] for mode in modes], 0), self._kept)
+                self._add(blocks, group, abs(matrix) > STRUCTURE * _largest(matrix))
+        return pattern.layout(pattern.collect(blocks))
 
     @property
     def typical_stiffness(self) -> float:
@@ -254,73 +246,57 @@ class LinearNetwork:
 
         Collective. ``local`` has its ghosts filled.
         """
-        shape = local.shape
-        force = np.zeros(local.size)
-        for group, (matrix, _) in zip(
-            self.groups, self._condense(tuple(modes or self.modes)), strict=True
-        ):
-            u = self._element_values(group, local)
-            f = u @ matrix[0] if len(matrix) == 1 else np.einsum("eij,ej->ei", matrix, u)
-            places = self._element_values(group, np.arange(local.size).reshape(shape))
-            force += np.bincount(places.ravel(), weights=f.ravel(), minlength=local.size)
-        force = force.reshape(shape)
-        self.network.halo.reverse(force)
-        return self.network.halo.forward(force)
+        force = np.zeros(local.shape)
+        for group, (matrix, _) in zip(self.groups, self._condense(modes), strict=True):
+            force += self._sum_at_nodes(group, _times(matrix, self._element_values(group, local)))
+        return self.network.halo.share(force)
 
     def loads(self, *modes: str) -> np.ndarray:
         """Loads on the node unknowns, (n_local, d); those on tails passed on to their yarns."""
-        constraints, d = self.constraints, self.unknowns_per_node
-        loads = np.zeros((self.network.num_nodes_local, d))
-        loads[:, :2] = np.einsum("nij,nj->ni", constraints.frame, self.force)
-        group = self.groups[1]
-        if self.network.comm.allreduce(float(abs(self.force).max(initial=0.0))) == 0.0:
-            return loads
-        _, recovery = self._condense(tuple(modes or self.modes))[1]
-        keep = 4 * d
-        kept = group.tail_load[:, :keep] if self.bending else group.tail_load[:, :8]
-        passed = np.einsum("eij,ej->ei", group.turn, kept)
-        passed += np.einsum("eji,ej->ei", recovery, group.tail_load[:, keep:])
-        places = self._element_values(group, np.arange(loads.size).reshape(loads.shape))
-        extra = np.bincount(places.ravel(), weights=passed.ravel(), minlength=loads.size)
-        extra = self.network.halo.reverse(extra.reshape(loads.shape))
-        loads += self.network.halo.forward(extra)
+        loads = np.zeros(self.free.shape)
+        loads[:, :2] = np.einsum("nij,nj->ni", self.constraints.frame, self.force)
+        group, (_, recovery) = self.groups[1], self._condense(modes)[1]
+        kept, hinge = group.tail_load[:, : self._kept], group.tail_load[:, self._kept :]
+        passed = kept + _times(np.swapaxes(recovery, 1, 2), hinge)
+        loads += self.network.halo.share(self._sum_at_nodes(group, passed))
         loads[~self.supports.active] = 0.0
         return loads
 
     def rigid_motions(self) -> np.ndarray:
         """Two translations and the rotation of all nodes, (n_local, d, 3), in node frames."""
         network, d = self.network, self.unknowns_per_node
-        lattice = (
-            network.node_position - network.preform.lattice_origin
-        ) @ network.preform.rotation.T
+        place = network.to_yarn(network.node_position - network.preform.lattice_origin)
         motion = np.zeros((network.num_nodes_local, d, 3))
         motion[:, 0, 0] = motion[:, 1, 1] = 1.0
-        motion[:, 0, 2], motion[:, 1, 2] = -lattice[:, 1], lattice[:, 0]
+        motion[:, 0, 2], motion[:, 1, 2] = -place[:, 1], place[:, 0]
         motion[:, :2] = np.einsum("nij,njk->nik", self.constraints.frame, motion[:, :2])
         if d == 3:
             motion[:, 2, 2] = self.length_scale
         return motion
 
-    def soft_motions(self) -> np.ndarray:
-        """What algebraic multigrid must know of, (n_local, d, 3 or 4), zero where not free.
+    def turning_squares(self) -> np.ndarray:
+        """Motion (n_local, 2), in node frames, that costs nothing without yarn bending. Collective.
 
-        The rigid motions and, without yarn bending, the turning squares: every crossover turns by
-        one angle, its neighbours by the opposite one, and the arm ends between them move across
-        their yarns. Nothing deforms; only clamps, which keep the crossovers beside them from
-        turning, and at a distance shear, withstand it.
+        Every crossover turns by one angle, its neighbours by the opposite one, and the arm ends
+        between them move across their yarns. Nothing deforms; only clamps, which keep the
+        crossovers beside them from turning, and at a distance shear, withstand it.
         """
         network = self.network
-        if self.bending:
-            return self.rigid_motions() * self.free[:, :, None]
         squares = np.zeros((network.num_nodes_local, 2))
         turn = np.where(network.crossover_ij.sum(axis=1) % 2 == 0, 1.0, -1.0)
         for k in range(4):
-            node = network.arm_node[:, k]
             across = network.arm_directions[(k + 1) % 4]
-            squares[node] = (turn * network.arm_length[:, k])[:, None] * across
-        squares = network.halo.forward(squares)
-        squares = np.einsum("nij,nj->ni", self.constraints.frame, squares)
-        motions = np.concatenate([self.rigid_motions(), squares[:, :, None]], axis=2)
+            squares[network.arm_node[:, k]] = (turn * network.arm_length[:, k])[:, None] * across
+        return np.einsum("nij,nj->ni", self.constraints.frame, network.halo.forward(squares))
+
+    def soft_motions(self) -> np.ndarray:
+        """What algebraic multigrid must know of, (n_local, d, 3 or 4), zero where not free.
+
+        The rigid motions and, without yarn bending, the turning squares.
+        """
+        motions = self.rigid_motions()
+        if not self.bending:
+            motions = np.concatenate([motions, self.turning_squares()[:, :, None]], axis=2)
         return motions * self.free[:, :, None]
 
     # -- results --------------------------------------------------------------------------------
@@ -337,32 +313,26 @@ class LinearNetwork:
         """
         network, fabric = self.network, self.network.fabric
         n = network.num_crossovers_owned
-        hinge = np.zeros((n, 2))
-        fields = {name: np.zeros((n, 4)) for name in ("arm_strain", "arm_rotation")}
-        mean_area = np.zeros((n, 4))
+        fields = {"displacement": np.zeros((n, 2))}
+        fields |= {name: np.zeros((n, 4)) for name in ("arm_strain", "arm_rotation")}
+        area = np.zeros((n, 4))
         energy = {mode: np.zeros(n) for mode in MODES}
-        modes = tuple(modes or self.modes)
         for group, (_, recovery) in zip(self.groups, self._condense(modes), strict=True):
-            full = self._element_unknowns(group, recovery, local)
+            kept = self._element_values(group, local)
+            u = np.concatenate([kept, _times(recovery, kept)], axis=1)
             for mode, matrix in group.parts.items():
-                energy[mode][group.rows] = 0.5 * _quadratic(matrix, full)
-            u = full if full.shape[1] == 10 else full[:, DISPLACEMENTS]
-            hinge[group.rows] = u[:, 8:]
-            for name, rows in (("arm_strain", group.strain), ("arm_rotation", group.rotation)):
-                fields[name][group.rows] = (
-                    u @ rows[0].T if len(rows) == 1 else np.einsum("ekj,ej->ek", rows, u)
-                )
-            mean_area[group.rows] = group.area
-        shares = mean_area / np.maximum(mean_area.sum(axis=1, keepdims=True), 1e-300)
+                energy[mode][group.rows] = 0.5 * np.einsum("ej,ej->e", _times(matrix, u), u)
+            for name, measure in group.measures.items():
+                fields[name][group.rows] = _times(measure, u)
+            area[group.rows] = group.area
+        shares = area / np.maximum(area.sum(axis=1, keepdims=True), 1e-300)
         strain = fields["arm_strain"]
-        gamma = shear.quadrant_angles(fields["arm_rotation"])
+        gamma = kernels.quadrant_angles(fields["arm_rotation"])
         warp = np.einsum("eq,eq->e", shares, strain[:, [0, 2, 2, 0]])
         weft = np.einsum("eq,eq->e", shares, strain[:, [1, 1, 3, 3]])
-        self._follow(hinge, fields["arm_rotation"], local)
-        return {
-            "displacement": hinge @ network.preform.rotation,
-            "arm_strain": strain,
-            "arm_rotation": fields["arm_rotation"],
+        self._follow(fields["displacement"], fields["arm_rotation"], local)
+        fields["displacement"] = network.to_lab(fields["displacement"])
+        return fields | {
             "warp_strain": warp,
             "weft_strain": weft,
             "warp_tension": fabric.c11 * warp + fabric.c12 * weft,
@@ -372,28 +342,13 @@ class LinearNetwork:
             "carrying": self.supports.carrying.copy(),
         }
 
-    def _element_unknowns(self, group: _Group, recovery, local) -> np.ndarray:
-        """All unknowns of each element in the yarn frame, hinge recovered; (m, 10 or 16)."""
-        u = self._element_values(group, local)
-        if group.turn is None:
-            hinge = u @ recovery[0].T
-        else:
-            hinge = np.einsum("eij,ej->ei", recovery, u)
-            u = np.einsum("eji,ej->ei", group.turn, u)
-            d, tied = self.unknowns_per_node, np.flatnonzero(group.hinge_slot >= 0)
-            slot = group.hinge_slot[tied]
-            for c in (0, 1):
-                hinge[tied, c] = u[tied, d * slot + c]
-        return np.concatenate([u, hinge], axis=1)
-
     def node_displacement(self, local: np.ndarray, fields: dict) -> np.ndarray:
         """Displacement of all local nodes in x, y (n_local, 2), those without unknowns included.
 
         Collective. ``fields`` as returned by crossover_fields.
         """
-        rotation = self.network.preform.rotation
-        hinge = fields["displacement"] @ rotation.T
-        return self._follow(hinge, fields["arm_rotation"].copy(), local) @ rotation
+        hinge = self.network.to_yarn(fields["displacement"])
+        return self.network.to_lab(self._follow(hinge, fields["arm_rotation"].copy(), local))
 
     def _follow(self, hinge, rotation, local) -> np.ndarray:
         """Move what has no unknowns of its own straight along with what it hangs on. Collective.
@@ -457,22 +412,16 @@ class LinearNetwork:
         return network.halo.forward(yarn)
 
 
-def _quadratic(matrix: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """u^T K u of each element; matrix (m or 1, k, k), u (m, k)."""
-    product = u @ matrix[0] if len(matrix) == 1 else np.einsum("eij,ej->ei", matrix, u)
-    return np.einsum("ej,ej->e", product, u)
+def _largest(matrix: np.ndarray) -> np.ndarray:
+    """Size of each matrix's largest entry, (m, 1, 1); not zero."""
+    return np.maximum(abs(matrix).max(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
 
 
-def _tie_hinge_rows(matrix: np.ndarray, rows, slot, d: int) -> None:
-    """Move the columns of the hinge's displacement to the node that is the hinge, in place."""
-    hinge = 4 * d
-    for c in (0, 1):
-        matrix[rows, :, d * slot + c] += matrix[rows, :, hinge + c]
-        matrix[rows, :, hinge + c] = 0.0
+def _through(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Matrices (m, k, k) on what ``rows`` (m, k, n) give of other unknowns, on these; (m, n, n)."""
+    return np.swapaxes(rows, 1, 2) @ matrix @ rows
 
 
-def _tie_hinge(matrix: np.ndarray, rows, slot, d: int) -> None:
-    """The same for rows and columns of a symmetric matrix, in place."""
-    _tie_hinge_rows(matrix, rows, slot, d)
-    transposed = np.swapaxes(matrix, 1, 2)
-    _tie_hinge_rows(transposed, rows, slot, d)
+def _times(matrix: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Products of matrices (m or 1, i, j) and vectors (m, j); (m, i)."""
+    return u @ matrix[0].T if len(matrix) == 1 else np.einsum("eij,ej->ei", matrix, u)

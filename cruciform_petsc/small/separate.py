@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ..solvers.linear import LEAST_NORM, PREFIX, LinearSolver, SolverInfo
+from ..solvers.csr import aij
+from ..solvers.linear import LinearSolver, SolverInfo
+from ..solvers.options import LEAST_NORM, PREFIX
 from .network import LinearNetwork
 
 
@@ -95,10 +97,5 @@ def _tie_matrix(linear: LinearNetwork) -> tuple[PETSc.Mat, int]:
     master = min(network.comm.allgather(int(lowest)))
     column = number.copy()
     column[tied, 0] = master
-    column = column.astype(PETSc.IntType).ravel()
-    rows = np.arange(len(column) + 1, dtype=PETSc.IntType)
-    matrix = PETSc.Mat().create(comm=network.comm)
-    matrix.setSizes(((len(column), None), (len(column), None)))
-    matrix.setType(PETSc.Mat.Type.AIJ)
-    matrix.setPreallocationCSR((rows, column, np.ones(len(column))))
-    return matrix, master
+    n = column.size
+    return aij(network.comm, (n, n), np.arange(n + 1), column.ravel(), np.ones(n)), master

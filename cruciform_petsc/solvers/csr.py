@@ -42,6 +42,19 @@ def gather(values, source, result):
     return result
 
 
+@numba.njit(cache=True)
+def sort_rows(pointer, column, value):
+    """Put the entries of each row in the order of their columns, in place."""
+    for r in range(len(pointer) - 1):
+        begin = pointer[r]
+        for a in range(begin + 1, pointer[r + 1]):
+            col, w, b = column[a], value[a], a
+            while b > begin and column[b - 1] > col:
+                column[b], value[b] = column[b - 1], value[b - 1]
+                b -= 1
+            column[b], value[b] = col, w
+
+
 def aij(
     comm: MPI.Intracomm,
     shape: tuple[int, int],

@@ -1,92 +1,30 @@
 # SPDX-License-Identifier: MIT
-"""Linear systems with PETSc's KSP, set up by size and by the options database."""
+"""Linear systems with PETSc's KSP, and refusal of what can move without deforming."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from petsc4py import PETSc
 
-from ..errors import InputError, SolverError
-
-PREFIX = "cruciform_"
-# Up to here a sparse Cholesky factorisation is faster than any general iteration (planar graphs
-# fill in little), and its memory stays below some 2 GiB.
-DIRECT_LIMIT = 400_000
+from ..errors import SolverError
+from .multigrid import Hierarchy
+from .options import (
+    PREFIX,
+    STEPS,
+    default_options,
+    near_null_space,
+    petsc_options,
+    reason_name,
+    set_from_options,
+)
 
 # Least energy of a motion, over that of the matrix diagonal, of a matrix that is not singular.
 # Sound networks have 1e-10 and more (E/G = 1e6, or strips of 1 : 50), mechanisms some 1e-16.
 SOFTEST = 1e-13
-
-DIRECT = {
-    "ksp_type": "preonly",
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-}
-ITERATIVE = {
-    "ksp_type": "cg",
-    "ksp_rtol": 1e-9,
-    "ksp_max_it": 2000,
-    "ksp_norm_type": "unpreconditioned",
-    "pc_type": "gamg",
-    # Smoothers for GAMG and for the yarn multigrid: stiff yarns (E/G of hundreds and more) need
-    # more than Jacobi, and the ordering by yarn makes ICC a good one.
-    "mg_levels_ksp_type": "chebyshev",
-    "mg_levels_ksp_max_it": 2,
-    "mg_levels_pc_type": "bjacobi",
-    "mg_levels_sub_pc_type": "icc",
-    "mg_levels_sub_pc_factor_shift_type": "positive_definite",
-}
-_STEPS = "mg_levels_ksp_max_it"
-YARN_MULTIGRID = {key: value for key, value in ITERATIVE.items() if key != _STEPS} | {
-    "pc_type": "mg",
-    "pc_mg_cycle_type": "v",
-    "mg_coarse_ksp_type": "preonly",
-    "mg_coarse_pc_type": "cholesky",
-    "mg_coarse_pc_factor_mat_solver_type": "mumps",
-    # Room for MUMPS' work arrays, per cent: in parallel it sometimes needs more than it foresees.
-    "mg_coarse_mat_mumps_icntl_14": 300,
-}
-# What the paper's separate systems need: singular matrices and loads that they cannot carry whole.
-# LSQR from zero gives the solution of least squares with the smallest norm.
-LEAST_NORM = {
-    "ksp_type": "lsqr",
-    "ksp_rtol": 1e-10,
-    "ksp_max_it": 100_000,
-    "pc_type": "none",
-}
-
-
-class Smoother(Protocol):
-    """A smoother of the finest level that is not PETSc's own: yarns.YarnSmoother."""
-
-    def attach(self, pc: PETSc.PC, level: int, sweeps: int) -> None:
-        """Make it the smoother of a level of a PCMG."""
-
-
-@dataclass
-class Hierarchy:
-    """A geometric multigrid's coarse levels. LinearSolver frees all of it.
-
-    Attributes
-    ----------
-    interpolations, matrices : lists of PETSc.Mat
-        Finest first; matrices of the coarse levels.
-    smoother : Smoother, optional
-        Of the finest level; without it PETSc's, by options.
-    sweeps : int
-        Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
-    """
-
-    interpolations: list[PETSc.Mat]
-    matrices: list[PETSc.Mat]
-    smoother: Smoother | None = None
-    sweeps: int = 1
 
 
 @dataclass
@@ -102,64 +40,6 @@ class SolverInfo:
     history: list[float] = field(default_factory=list, repr=False)
     setup_s: float = 0.0
     solution_s: float = 0.0
-
-
-@contextmanager
-def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
-    """Options under a prefix for a while; what the user has set on the command line wins."""
-    database = PETSc.Options()
-    mine = {f"{prefix}{name}": value for name, value in options.items()}
-    mine = {name: value for name, value in mine.items() if not database.hasName(name)}
-    for name, value in mine.items():
-        database[name] = value
-    try:
-        yield
-    finally:
-        for name in mine:
-            database.delValue(name)
-
-
-def set_from_options(
-    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object]
-) -> None:
-    """Set a solver up from the options database, in which the options are by now. Collective.
-
-    Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
-    """
-    try:
-        solver.setFromOptions()
-        return
-    except PETSc.Error as error:
-        refused = error
-    database = PETSc.Options(prefix)
-    source = "solver.options or the command line" if prefix == PREFIX else "the command line"
-    for name, kind in (("snes_type", PETSc.SNES), ("ksp_type", PETSc.KSP), ("pc_type", PETSc.PC)):
-        given = database.getString(name, str(options.get(name, "")))
-        if not given or (kind is PETSc.SNES and not isinstance(solver, PETSc.SNES)):
-            continue
-        probe = kind().create(PETSc.COMM_SELF)
-        try:
-            probe.setType(given)
-        except PETSc.Error as error:
-            known = {"snes_type": "newtonls", "ksp_type": "cg", "pc_type": "cholesky"}[name]
-            raise InputError(
-                f"-{prefix}{name} (from {source}) is '{given}', which this PETSc does not have: "
-                f"'{known}' would do"
-            ) from error
-        finally:
-            probe.destroy()
-    raise InputError(
-        f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
-        f"{refused.ierr}): correct it or leave it out"
-    ) from refused
-
-
-def reason_name(reason: int) -> str:
-    """PETSc's name of a converged (or diverged) reason."""
-    for name, value in vars(PETSc.KSP.ConvergedReason).items():
-        if value == reason and name.isupper() and name not in ("ITERATING", "CONVERGED_ITERATING"):
-            return name
-    return str(reason)
 
 
 class LinearSolver:
@@ -195,14 +75,9 @@ class LinearSolver:
         begin = time.perf_counter()
         extra = dict(extra or {})
         if options is None:
-            kinds: dict[str, dict] = {"mg": YARN_MULTIGRID, "cholesky": DIRECT, "lu": DIRECT}
-            default = "cholesky" if matrix.getSize()[0] <= DIRECT_LIMIT else "mg"
-            # What is asked for on the command line brings its own defaults, too.
-            asked = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", default)))
-            options = kinds.get(asked, ITERATIVE)
-            if asked == "mg" and multigrid is None:
-                options = ITERATIVE
-        options = {**(options or {}), **extra}
+            size = matrix.getSize()[0]
+            options = default_options(size, prefix, extra, multigrid is not None)
+        options = {**options, **extra}
         kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
             columns = near_null() if callable(near_null) else near_null
@@ -214,10 +89,9 @@ class LinearSolver:
         self.ksp.setOperators(matrix)
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
-        self._smoother: Smoother | None = None
         if kind == "mg":
             # Coarse levels: incomplete factors that are cut between ranks take a second step.
-            options.setdefault(_STEPS, 1 if matrix.comm.size == 1 else 2)
+            options.setdefault(STEPS, 1 if matrix.comm.size == 1 else 2)
         with petsc_options(prefix, options):
             set_from_options(self.ksp, prefix, options)
             if kind == "mg" and multigrid is not None:
@@ -246,10 +120,9 @@ class LinearSolver:
             (pc.getMGSmoother(level) if level else pc.getMGCoarseSolve()).setOperators(matrix)
             interpolation.destroy()  # PETSc keeps its own references
             matrix.destroy()
-        self._smoother = hierarchy.smoother
         sweeps = PETSc.Options(prefix).getInt("mg_yarn_sweeps", hierarchy.sweeps)
-        if self._smoother is not None and sweeps > 0 and top:
-            self._smoother.attach(pc, top, sweeps)
+        if hierarchy.smoother is not None and sweeps > 0 and top:
+            hierarchy.smoother.attach(pc, top, sweeps)
 
     def solve(self, rhs: PETSc.Vec, singular: bool = False) -> tuple[PETSc.Vec, SolverInfo]:
         """Solution and how it was reached. Collective.
@@ -347,25 +220,3 @@ def _lift(matrix: PETSc.Mat) -> None:
     diagonal.scale(1e-10)
     matrix.setDiagonal(diagonal, PETSc.InsertMode.ADD_VALUES)
     diagonal.destroy()
-
-
-def near_null_space(columns: np.ndarray, comm) -> PETSc.NullSpace:
-    """Space of motions that cost (nearly) no energy, for algebraic multigrid. Collective.
-
-    columns : float (n_owned_unknowns, m); the caller destroys the space.
-    """
-    vectors = [
-        PETSc.Vec().createWithArray(column.copy(), comm=comm)
-        for column in _orthonormal(columns, comm)
-    ]
-    space = PETSc.NullSpace().create(vectors=vectors, comm=comm)
-    for vector in vectors:
-        vector.destroy()
-    return space
-
-
-def _orthonormal(columns: np.ndarray, comm) -> np.ndarray:
-    """Orthonormal rows that span the distributed columns (n, m); Cholesky of the Gram matrix."""
-    scaled = columns / np.sqrt(comm.allreduce((columns**2).sum(axis=0)))
-    gram = comm.allreduce(scaled.T @ scaled)
-    return np.linalg.solve(np.linalg.cholesky(gram), scaled.T)

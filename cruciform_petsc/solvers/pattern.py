@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -90,24 +91,16 @@ class BlockPattern:
         ]
         self.diagonal = _find(np.arange(owned), number[:owned], start, column)
         self.comm = nodes.comm
-        self._dense: Layout | None = None
 
-    def layout(self, keep: np.ndarray | None = None) -> Layout:
-        """Layout of all entries, or of those that are kept.
+    @cached_property
+    def _whole(self) -> Layout:
+        return self.layout(np.ones((1, self.block, self.block), bool))
 
-        keep : bool (num_blocks, d, d) or array of that size whose entries count if not zero.
-        """
-        if keep is not None:
-            return self._new_layout(keep, False)
-        if self._dense is None:
-            self._dense = self._new_layout(np.ones((1, self.block, self.block), bool), True)
-        return self._dense
-
-    def _new_layout(self, keep: np.ndarray, whole: bool) -> Layout:
-        d = self.block
-        small = self.num_blocks * d * d < 2**32
+    def layout(self, keep: np.ndarray) -> Layout:
+        """Layout of the entries to keep: array (num_blocks or 1, d, d), those that are not zero."""
+        small = self.num_blocks * self.block**2 < 2**32
         source = np.zeros(0, np.uint32 if small else np.uint64)
-        return Layout(*_layout(self._start, self._column, d, keep, whole, source))
+        return Layout(*_layout(self._start, self._column, keep, source))
 
     def empty_blocks(self, dtype: type = float) -> np.ndarray:
         """Zero blocks (owned ones, then ghost rows) to add element matrices to."""
@@ -117,10 +110,9 @@ class BlockPattern:
     def add(self, blocks: np.ndarray, rows: np.ndarray, matrices: np.ndarray) -> None:
         """Add matrices (m or 1, k d, k d) of elements ``rows`` of the first kind, in place.
 
-        To blocks of type bool: note which entries are not zero.
+        Of type bool, both: note which entries are not zero.
         """
-        add = _mark if blocks.dtype == bool else _add
-        add(blocks, self.slots[0], rows, np.ascontiguousarray(matrices), self.block)
+        _add(blocks, self.slots[0], rows, np.ascontiguousarray(matrices), self.block)
 
     def collect(self, blocks: np.ndarray) -> np.ndarray:
         """Move ghost rows to their owners, in place. Collective."""
@@ -137,7 +129,7 @@ class BlockPattern:
         Entries outside the layout (by default there are none) are left out.
         """
         self.collect(blocks)
-        layout = layout or self.layout()
+        layout = layout or self._whole
         if reuse is not None:
             write_values(reuse, blocks, layout.columns, layout.source)
             return reuse
@@ -159,16 +151,15 @@ class _Mesh:
         self, first, stop, diagonal, number, extra_start, extra
     ) -> tuple[np.ndarray, np.ndarray]:
         """Block rows of nodes first to stop: pointer and columns (global numbers, ascending)."""
-        given = (
+        # As long as they could be; pages that are not written to take no memory.
+        here = self._element[self._start[first] : self._start[stop]]
+        longest = len(extra) + stop - first + np.diff(self._begin)[here].sum()
+        start, column = np.zeros(stop - first + 1, np.int64), np.empty(longest, np.int64)
+        size = _block_rows(
             first, stop, diagonal, number, self._begin, self._nodes, self._start, self._element,
-            extra_start, extra,
+            extra_start, extra, start, column,
         )  # fmt: skip
-        start = np.zeros(stop - first + 1, np.int64)
-        _block_rows(*given, start, np.zeros(0, np.int64))
-        column = np.empty(start[-1], np.int64)
-        if len(column):
-            _block_rows(*given, start, column)
-        return start, column
+        return start, column[:size]
 
 
 @numba.njit(cache=True)
@@ -191,18 +182,11 @@ def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, ext
                 pointer, column):  # fmt: skip
     """Columns of each row: every node it shares an element with, itself, and extra ones.
 
-    With an empty ``column`` only the pointer is found.
+    Returns how many there are.
     """
-    longest = 1
-    for r in range(first, stop):
-        length = 1 + extra_start[r + 1] - extra_start[r]
-        for k in range(start[r], start[r + 1]):
-            length += begin[element[k] + 1] - begin[element[k]]
-        longest = max(longest, length)
-    found = np.empty(longest, np.int64)
     size = 0
     for r in range(first, stop):
-        count = 0
+        found, count = column[size:], 0
         if diagonal:  # every owned node has its own block, also if no element uses it
             found[0], count = number[r], 1
         for k in range(extra_start[r], extra_start[r + 1]):
@@ -211,10 +195,9 @@ def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, ext
             e = element[k]
             for q in range(begin[e], begin[e + 1]):
                 count = _insert(found, count, number[nodes[q]])
-        if len(column):
-            column[size : size + count] = found[:count]
         size += count
         pointer[r - first + 1] = size
+    return size
 
 
 @numba.njit(cache=True)
@@ -268,28 +251,24 @@ def _slots(connectivity, number, start, column):
 
 
 @numba.njit(cache=True)
-def _layout(start, column, d, keep, whole, like):
+def _layout(start, column, keep, like):
     """Scalar compressed rows of block rows, and the place of each entry among the blocks."""
-    n = len(start) - 1
-    rows = np.zeros(n * d + 1, np.int64)
-    for r in range(n):
-        for i in range(d):
-            count = 0
-            for b in range(start[r], start[r + 1]):
-                for j in range(d):
-                    count += whole or keep[b, i, j] != 0
-            rows[r * d + i + 1] = rows[r * d + i] + count
-    columns, source = np.empty(rows[-1], _INT), np.empty(rows[-1], like.dtype)
+    n, d = len(start) - 1, keep.shape[1]
+    rows = np.zeros(n * d + 1, _INT)
+    longest = len(column) * d * d
+    columns, source = np.empty(longest, _INT), np.empty(longest, like.dtype)
     e = 0
     for r in range(n):
         for i in range(d):
             for b in range(start[r], start[r + 1]):
+                kept = keep[b if len(keep) > 1 else 0]
                 for j in range(d):
-                    if whole or keep[b, i, j] != 0:
+                    if kept[i, j] != 0:
                         columns[e] = column[b] * d + j
                         source[e] = (b * d + i) * d + j
                         e += 1
-    return rows.astype(_INT), columns, source
+            rows[r * d + i + 1] = e
+    return rows, columns[:e], source[:e]
 
 
 @numba.njit(cache=True)
@@ -303,19 +282,4 @@ def _add(blocks, slots, rows, matrices, d):
                 block = blocks[slots[rows[e], p, q]]
                 for i in range(d):
                     for j in range(d):
-                        block[i, j] += matrices[m, d * p + i, d * q + j]
-
-
-@numba.njit(cache=True)
-def _mark(blocks, slots, rows, matrices, d):
-    """Note in blocks which entries of element matrices (m or 1, k d, k d) are not zero."""
-    k = slots.shape[1]
-    for e in range(len(rows)):
-        m = e if len(matrices) > 1 else 0
-        for p in range(k):
-            for q in range(k):
-                slot = slots[rows[e], p, q]
-                for i in range(d):
-                    for j in range(d):
-                        if matrices[m, d * p + i, d * q + j]:
-                            blocks[slot, i, j] = True
+                        block[i, j] = block[i, j] + matrices[m, d * p + i, d * q + j]

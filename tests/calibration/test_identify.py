@@ -29,8 +29,8 @@ from cruciform_petsc.calibration.identify import LoadCurve, table_changes
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.elements.kinematics import net_angle
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.laws import linear, odd_polynomial, table
 from cruciform_petsc.net.network import Network
 

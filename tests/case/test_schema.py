@@ -10,7 +10,7 @@ import pytest
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.solvers import linear
+from cruciform_petsc.solvers import options as petsc
 
 SPECIMEN = """
 title = "the paper's specimen"
@@ -607,7 +607,7 @@ def test_options_neither_run_code_nor_write_files(write, options, message):
 
 def test_the_program_s_own_settings_may_be_set(write):
     """What it gives PETSc itself, and what the documentation names, a case may give, too."""
-    own = linear.DIRECT | linear.ITERATIVE | linear.YARN_MULTIGRID | linear.LEAST_NORM
+    own = petsc.DIRECT | petsc.ITERATIVE | petsc.YARN_MULTIGRID | petsc.LEAST_NORM
     own |= {"mg_yarn_sweeps": 3, "ksp_view": True, "mat_mumps_icntl_14": 300}
     own |= {"pc_hypre_type": "boomeramg", "pc_gamg_threshold": 0.01, "mg_levels_1_pc_type": "sor"}
     data = Case.load(write(SPECIMEN)).model_dump()

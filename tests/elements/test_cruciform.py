@@ -439,16 +439,15 @@ def test_affine_motion_is_the_membranes(cloth):
 
 
 def test_at_rest():
-    """No force, and the stiffness of small displacements (elements/tension.py, shear.py)."""
-    from cruciform_petsc.elements import shear, tension
-    from cruciform_petsc.elements.kinematics import arm_rows
+    """No force, and the stiffness of small displacements (elements/small.py)."""
+    from cruciform_petsc.elements.small import arm_rows, shear, tension
 
     rng = np.random.default_rng(4)
     a, area = rng.uniform(1, 2, (10, 4)), rng.uniform(1, 2, (10, 4))
     t = np.broadcast_to(ARM_STEP.astype(float), (10, 4, 2))
     strain, turn = arm_rows(a, t)
-    expected = tension.stiffness(strain, area, 70e3, 30e3, 12e3)
-    expected = expected + shear.stiffness(turn, area, 96.0)
+    expected = tension(strain, area, 70e3, 30e3, 12e3)
+    expected = expected + shear(turn, area, 96.0)
     x = np.concatenate([a[:, :, None] * t, np.zeros((10, 1, 2))], axis=1)
     for name in ("shear linear", "log", "softening"):
         energy, force, stiffness = kernels.cruciforms(x, a, area, CLOTHS[name])

@@ -5,13 +5,16 @@ import numpy as np
 import pytest
 from support.helpers import UNEVEN, energy_density
 
-from cruciform_petsc.elements import bending, shear, tension
-from cruciform_petsc.elements.kinematics import (
+from cruciform_petsc.elements import printed
+from cruciform_petsc.elements.small import (
     DISPLACEMENTS,
     arm_rows,
+    bending,
     condense,
     normals,
-    with_rotations,
+    quadrant_angles,
+    shear,
+    tension,
 )
 from cruciform_petsc.net.lattice import HELD, QUADRANTS
 
@@ -37,10 +40,11 @@ def full_areas(a):
 def matrices(a, t, area, rigidity=None):
     """Tension, shear and (on 16 unknowns, if a rigidity is given) bending."""
     strain, rotation = arm_rows(a, t)
-    parts = [tension.stiffness(strain, area, C11, C22, C12), shear.stiffness(rotation, area, G)]
+    parts = [tension(strain, area, C11, C22, C12), shear(rotation, area, G)]
     if rigidity is not None:
-        parts = [with_rotations(part) for part in parts]
-        parts.append(bending.stiffness(a, t, rigidity, SCALE))
+        place = np.eye(16)[DISPLACEMENTS]
+        parts = [place.T @ part @ place for part in parts]
+        parts.append(bending(a, t, rigidity, SCALE))
     return parts
 
 
@@ -203,7 +207,7 @@ def test_bending_of_an_affine_motion_costs_nothing():
     x = np.zeros((5, 16))
     x[:, DISPLACEMENTS[:8]] = (a[..., None] * t @ gradient.T).reshape(5, 8)
     x[:, [2, 8, 14]], x[:, [5, 11, 15]] = gradient[1, 0] * SCALE, -gradient[0, 1] * SCALE
-    matrix = bending.stiffness(a, t, np.ones((5, 4)), SCALE)
+    matrix = bending(a, t, np.ones((5, 4)), SCALE)
     force = np.einsum("nij,nj->ni", matrix, x)
     assert abs(force).max() < ROUNDING * abs(matrix).max()
 
@@ -228,7 +232,7 @@ def test_shear_angle_has_one_sign():
     _, rotation = arm_rows(a, t)
     theta = np.einsum("nkj,nj->nk", rotation, u.reshape(1, 10))
     np.testing.assert_allclose(theta, [[0.2, -0.1, 0.2, -0.1]])
-    np.testing.assert_allclose(shear.quadrant_angles(theta), 0.3)
+    np.testing.assert_allclose(quadrant_angles(theta), 0.3)
     after = ALONG_YARNS[:2] + u[0, :2] / 0.5  # both moved towards each other
     assert after[0] @ after[1] > 0
 
@@ -261,7 +265,7 @@ def test_missing_arm_at_a_free_edge_keeps_the_affine_energy():
     strain, rotation = arm_rows(a, ALONG_YARNS[None], source, source)
     gradient = rng.normal(size=(2, 2))
     u = np.concatenate([(a[0, :, None] * ALONG_YARNS @ gradient.T).ravel(), np.zeros(2)])
-    total = tension.stiffness(strain, area, C11, C22, C12) + shear.stiffness(rotation, area, G)
+    total = tension(strain, area, C11, C22, C12) + shear(rotation, area, G)
     expected = energy_density(UNEVEN, gradient) * area.sum()
     assert 0.5 * u @ total[0] @ u == pytest.approx(expected, rel=1e-12)
 
@@ -269,10 +273,10 @@ def test_missing_arm_at_a_free_edge_keeps_the_affine_energy():
 def test_missing_arm_does_not_bend():
     """An arm without length has no beam, and no division by its length."""
     a = np.array([[0.5, 0.4, 0.0, 0.3]])
-    matrix = bending.stiffness(a, ALONG_YARNS[None], np.ones((1, 4)), SCALE)[0]
+    matrix = bending(a, ALONG_YARNS[None], np.ones((1, 4)), SCALE)[0]
     assert np.isfinite(matrix).all()
     assert not matrix[6:9].any()
-    shorter = bending.stiffness(a, ALONG_YARNS[None], np.array([[1.0, 1.0, 9.0, 1.0]]), SCALE)[0]
+    shorter = bending(a, ALONG_YARNS[None], np.array([[1.0, 1.0, 9.0, 1.0]]), SCALE)[0]
     np.testing.assert_array_equal(matrix, shorter)
 
 
@@ -280,7 +284,7 @@ def test_condensing_a_free_unknown():
     """A hinge that one mode alone leaves free gets the value of smallest norm, and no force."""
     a, t = np.full((1, 4), 0.5), ALONG_YARNS[None]
     strain, _ = arm_rows(a, t)
-    stiff = tension.stiffness(strain, full_areas(a), C11, 0.0, 0.0)  # nothing along the weft
+    stiff = tension(strain, full_areas(a), C11, 0.0, 0.0)  # nothing along the weft
     small, recovery = condense(stiff, 8)
     assert not recovery[0, 1].any()
     np.testing.assert_allclose(recovery[0, 0], [0.5, 0, 0, 0, 0.5, 0, 0, 0], atol=1e-14)
@@ -302,7 +306,7 @@ def test_cantilevered_yarn(crossovers):
     a = np.zeros((crossovers, 4))
     a[:, [0, 2]] = rng.uniform(0.2, 1.5, (crossovers, 2))
     t = np.broadcast_to(ALONG_YARNS, (crossovers, 4, 2))
-    small, _ = condense(bending.stiffness(a, t, np.full(a.shape, rigidity), SCALE), 12)
+    small, _ = condense(bending(a, t, np.full(a.shape, rigidity), SCALE), 12)
     stiffness = np.zeros((2 * crossovers + 2,) * 2)
     for e, matrix in enumerate(small):  # unknowns across the yarn: arm 3's end, then arm 1's
         local = [7, 8, 1, 2]
@@ -338,14 +342,14 @@ def test_printed_15_lacks_the_factor():
     a, t = equal_arms()
     warp, weft = UNEVEN.warp, UNEVEN.weft
     strain, _ = arm_rows(a, t)
-    consistent, _ = condense(tension.stiffness(strain, full_areas(a), C11, C22, C12), 8)
+    consistent, _ = condense(tension(strain, full_areas(a), C11, C22, C12), 8)
     assert pulled_along_warp(consistent[0]) == pytest.approx(warp.modulus, rel=1e-10)
-    printed = -tension.printed(a, t, warp.modulus, weft.modulus, warp.poisson, weft.poisson)[0]
+    as_printed = -printed.tension(a, t, warp.modulus, weft.modulus, warp.poisson, weft.poisson)[0]
     product = warp.poisson * weft.poisson
     mu_mu = product / (1 - product) ** 2
-    assert pulled_along_warp(printed) == pytest.approx(warp.modulus * (1 - mu_mu), rel=1e-10)
+    assert pulled_along_warp(as_printed) == pytest.approx(warp.modulus * (1 - mu_mu), rel=1e-10)
     # Its direct term alone is too small by the same 1 - nu_w nu_e: 15 % here, 20 % for Table 1.
-    ratio = np.diagonal(printed)[[0, 3]] / np.diagonal(consistent[0])[[0, 3]]
+    ratio = np.diagonal(as_printed)[[0, 3]] / np.diagonal(consistent[0])[[0, 3]]
     np.testing.assert_allclose(ratio, 1 - product, rtol=0.03)
 
 
@@ -358,11 +362,11 @@ def test_printed_15_is_right_for_straight_yarns_apart_from_the_factor(lengths):
     """
     a, t = np.array([lengths]), ALONG_YARNS[None]
     strain, _ = arm_rows(a, t)
-    consistent, _ = condense(tension.stiffness(strain, full_areas(a), C11, C22, C12), 8)
+    consistent, _ = condense(tension(strain, full_areas(a), C11, C22, C12), 8)
     # [3] divides the ratios by 1 - nu nu once more; ratios that it turns into the true ones:
     product = UNEVEN.warp.poisson * UNEVEN.weft.poisson
     scale = (np.sqrt(1 + 4 * product) - 1) / (2 * product)
-    mended = -tension.printed(
+    mended = -printed.tension(
         a, t, C11, C22, scale * UNEVEN.warp.poisson, scale * UNEVEN.weft.poisson
     )
     np.testing.assert_allclose(mended, consistent, atol=1e-12 * C11)
@@ -371,7 +375,7 @@ def test_printed_15_is_right_for_straight_yarns_apart_from_the_factor(lengths):
 def test_printed_15_has_the_sign_of_the_elements_own_force():
     """The printed matrix is negative semidefinite: assemble its negative."""
     a, t = equal_arms()
-    matrix = tension.printed(a, t, 60e3, 60e3, 0.3, 0.3)[0]
+    matrix = printed.tension(a, t, 60e3, 60e3, 0.3, 0.3)[0]
     values = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
     assert values[0] < -1e3
     assert values[-1] < 1e-9 * abs(values[0])
@@ -381,27 +385,27 @@ def test_printed_15_is_not_symmetric_for_unequal_kinked_arms():
     """[8] couples by the wrong lengths, which shows as soon as a yarn turns at the crossover."""
     modulus = (60e3, 25e3, 0.6, 0.25)
     a, t = arms(np.random.default_rng(11), 1)
-    equal = tension.printed(np.full((1, 4), 0.5), t, *modulus)[0]
+    equal = printed.tension(np.full((1, 4), 0.5), t, *modulus)[0]
     assert abs(equal - equal.T).max() < 1e-12 * abs(equal).max()
-    unequal = tension.printed(a, t, *modulus)[0]
+    unequal = printed.tension(a, t, *modulus)[0]
     assert abs(unequal - unequal.T).max() > 0.01 * abs(unequal).max()
     strain, _ = arm_rows(a, t)
-    consistent, _ = condense(tension.stiffness(strain, full_areas(a), C11, C22, C12), 8)
+    consistent, _ = condense(tension(strain, full_areas(a), C11, C22, C12), 8)
     assert abs(consistent - np.swapaxes(consistent, 1, 2)).max() < 1e-12 * abs(consistent).max()
 
 
 def test_printed_15_needs_reciprocity():
     """Equal arms, but nu_e E_w unlike nu_w E_e: no energy, hence no such fabric."""
     a, t = equal_arms()
-    matrix = tension.printed(a, t, 60e3, 25e3, 0.3, 0.3)[0]
+    matrix = printed.tension(a, t, 60e3, 25e3, 0.3, 0.3)[0]
     assert abs(matrix - matrix.T).max() > 0.02 * abs(matrix).max()
 
 
 def printed_shear_energy(u):
     """Energy [16] of both yarns of a square cruciform with end displacements (4, 2), G = A = 1."""
     half = np.array([0.5])
-    warp = shear.printed(half, np.array([[1.0, 0.0]]), np.ones(1), 1.0)[0]
-    weft = shear.printed(half, np.array([[0.0, 1.0]]), np.ones(1), 1.0)[0]
+    warp = printed.shear(half, np.array([[1.0, 0.0]]), np.ones(1), 1.0)[0]
+    weft = printed.shear(half, np.array([[0.0, 1.0]]), np.ones(1), 1.0)[0]
     along_warp = np.concatenate([u[2], u[0]])  # from the end at -L to the end at +L
     along_weft = np.concatenate([u[3], u[1]])
     return 0.5 * along_warp @ warp @ along_warp + 0.5 * along_weft @ weft @ along_weft
@@ -414,7 +418,7 @@ def test_printed_22_charges_a_rigid_rotation():
     a, t = equal_arms()
     _, rows = arm_rows(a, t)
     x = np.concatenate([rotation.ravel(), np.zeros(2)])
-    assert x @ shear.stiffness(rows, full_areas(a), 1.0)[0] @ x == pytest.approx(0, abs=1e-14)
+    assert x @ shear(rows, full_areas(a), 1.0)[0] @ x == pytest.approx(0, abs=1e-14)
 
 
 def test_printed_22_halves_pure_shear():
@@ -427,12 +431,17 @@ def test_printed_22_halves_pure_shear():
     a, t = equal_arms()
     _, rows = arm_rows(a, t)
     x = np.concatenate([u.ravel(), np.zeros(2)])
-    stiffness = shear.stiffness(rows, full_areas(a), 1.0)[0]
+    stiffness = shear(rows, full_areas(a), 1.0)[0]
     assert 0.5 * x @ stiffness @ x == pytest.approx(right, rel=1e-12)
 
 
 YARN = np.array([[np.cos(0.4), np.sin(0.4)]])
 L, EI = np.array([0.6]), np.array([2.5])
+
+
+def corrected_26():
+    """Matrix [26] with both faults of the print mended."""
+    return printed.bending(L, YARN, EI, coupling=2.0, axial_block=False)
 
 
 def yarn_motion(translation=(0.0, 0.0), turn=0.0):
@@ -444,28 +453,28 @@ def yarn_motion(translation=(0.0, 0.0), turn=0.0):
 
 def test_printed_28_turns_moments_loose():
     """3 L^2 leaves a moment EI/L at node 1 and at the hinge in a rigid rotation; 2 L^2 none."""
-    only_28 = bending._three_node(L, YARN, EI, 3.0, wrong_block=False)[0]
+    only_28 = printed.bending(L, YARN, EI, axial_block=False)[0]
     force = only_28 @ yarn_motion(turn=1.0)
     np.testing.assert_allclose(force[[2, 3]], EI[0] / L[0], rtol=1e-12)
-    assert abs(bending.corrected(L, YARN, EI)[0] @ yarn_motion(turn=1.0)).max() < 1e-12
+    assert abs(corrected_26()[0] @ yarn_motion(turn=1.0)).max() < 1e-12
 
 
 def test_printed_27_takes_along_for_across():
     """Its second block sees a yarn moved along itself as bent, and fails a rigid rotation."""
-    only_27 = bending._three_node(L, YARN, EI, 2.0, wrong_block=True)[0]
+    only_27 = printed.bending(L, YARN, EI, coupling=2.0)[0]
     along = np.array([*YARN[0], 0.0, 0.0, *YARN[0], 0.0])
-    good = bending.corrected(L, YARN, EI)[0]
+    good = corrected_26()[0]
     assert abs(good @ along).max() < 1e-12
     assert abs(only_27 @ along).max() > EI[0] / L[0] ** 3
     assert abs(only_27 @ yarn_motion(turn=1.0)).max() > EI[0] / L[0] ** 2
-    printed = bending.printed(L, YARN, EI)[0]
-    assert abs(printed @ yarn_motion(turn=1.0)).max() > EI[0] / L[0] ** 2
+    to_the_letter = printed.bending(L, YARN, EI)[0]
+    assert abs(to_the_letter @ yarn_motion(turn=1.0)).max() > EI[0] / L[0] ** 2
 
 
 def test_suppressed_hinge_charges_a_translation():
     """[25] holds the hinge: a yarn that moves across as a whole is bent, corrected or not."""
     across = normals(YARN)[0]
-    force = bending.corrected(L, YARN, EI)[0] @ yarn_motion(translation=across)
+    force = corrected_26()[0] @ yarn_motion(translation=across)
     assert force[[0, 1]] @ across == pytest.approx(12 * EI[0] / L[0] ** 3, rel=1e-12)
 
 
@@ -474,11 +483,11 @@ def test_corrected_26_is_the_consistent_one_with_the_hinge_held():
     a, t = equal_arms(L[0])
     turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     t = t @ turn.T
-    consistent = bending.stiffness(a, t, np.full((1, 4), EI[0]), 1.0)[0]
+    consistent = bending(a, t, np.full((1, 4), EI[0]), 1.0)[0]
     # The paper's nodes 1, 2, 3 run along the yarn: end of arm 3, hinge, end of arm 1.
     place = [6, 7, 8, 14, 0, 1, 2]
     np.testing.assert_allclose(
-        bending.corrected(L, YARN, EI)[0],
+        corrected_26()[0],
         consistent[np.ix_(place, place)],
         atol=1e-12 * EI[0] / L[0] ** 3,
     )

@@ -25,8 +25,8 @@ from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.lattice import HELD
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import LinearNetwork
-from cruciform_petsc.solvers.linear import PREFIX, petsc_options
 from cruciform_petsc.solvers.multigrid import hierarchy
+from cruciform_petsc.solvers.options import PREFIX, petsc_options
 from cruciform_petsc.solvers.yarns import YarnSmoother
 
 BENDING = pytest.mark.parametrize("bending", [False, True], ids=["flat", "bending"])

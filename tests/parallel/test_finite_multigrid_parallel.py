@@ -43,7 +43,7 @@ def iterations(model, x):
     solver = LinearSolver(
         matrix,
         extra={"pc_type": "mg", "ksp_rtol": 1e-8},
-        multigrid=lambda of: hierarchy(of, model.network.partition, unknowns),
+        multigrid=lambda of: hierarchy(of, unknowns),
     )
     owned = model.nodes.num_nodes_owned
     # The same on any number of ranks: made from the nodes' keys.

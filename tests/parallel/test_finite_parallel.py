@@ -21,7 +21,7 @@ from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import MODES
-from cruciform_petsc.solvers.linear import ITERATIVE
+from cruciform_petsc.solvers.options import ITERATIVE
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks

@@ -9,14 +9,16 @@ import pytest
 import shapely
 from mpi4py import MPI
 from petsc4py import PETSc
+from support.helpers import UNEVEN, affine_motion
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import SolverError
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.parallel import Halo
+from cruciform_petsc.small.multigrid import unknowns_of
 from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.csr import local_rows, write_values
-from cruciform_petsc.solvers.multigrid import _contrast, hierarchy, interpolations, unknowns_of
+from cruciform_petsc.solvers.multigrid import contrast, hierarchy, interpolation
 from cruciform_petsc.solvers.yarns import OnYarns, YarnSmoother
 
 COMM = MPI.COMM_WORLD
@@ -32,36 +34,54 @@ OUTLINES = {
 }
 
 
+def interpolated(matrices, levels, field):
+    """Fine values of the coarsest level's displacement, a function of the lattice's points."""
+    coarse = levels[-1]
+    values = (coarse.values[:, :2] * field(coarse.point)).sum(axis=1)
+    for matrix in reversed(matrices):
+        x, y = matrix.createVecs()
+        x.setArray(values)
+        matrix.mult(x, y)
+        values = y.getArray().copy()
+    return values
+
+
 @pytest.mark.parametrize("bending", [True, False])
-def test_interpolates_constants_and_straight_lines(bending):
-    """A rigid motion of the coarse lattice is one of the network, rotations of yarns included."""
-    network = Network(COMM, Preform(OUTLINES["rectangle"], radians(20)), TABLE_1)
+def test_interpolates_affine_motions(bending):
+    """Translations, both stretches, both rotations of yarns: in the coarse spaces, over two levels.
+
+    Translations everywhere: corners that do not exist at the outline are made up for. The others
+    where all corners exist. Warp yarns turn with d u_weft/d warp, weft yarns against d u_warp/d
+    weft; a rigid rotation is both.
+    """
+    network = Network(COMM, Preform(OUTLINES["rectangle"], radians(20)), UNEVEN)
     constraints = Constraints(network, bending)
     constraints.clamp("lower")
     linear = LinearNetwork(constraints)
-    matrices = interpolations(linear, coarsest=1000)
-    assert len(matrices) >= 2
-    first = matrices[0]
-    free = linear.free[: network.num_nodes_owned].ravel()
-    motions = linear.rigid_motions()[: network.num_nodes_owned].reshape(-1, 3)
-    columns = first.createVecRight()
-    begin, end = first.getOwnershipRangeColumn()
-    # Which coarse unknowns are which component shows in what they do to the rigid translations.
-    ones = first.createVecRight()
-    ones.set(1.0)
-    image = first.createVecLeft()
-    first.mult(ones, image)
-    if bending:
-        both = motions[:, 0] + motions[:, 1]  # u = (1, 1) in the yarn frame, no rotation
-        difference = abs(image.array - both)[free]
-        # Corners that do not exist at the outline are made up for, up to rounding.
-        assert difference.max() < 1e-12
-    assert end - begin == columns.getLocalSize()
+    owned = slice(0, network.num_nodes_owned)
+    levels, matrices = [unknowns_of(linear)], []
+    for step in (2, 4):
+        matrix, coarse, _ = interpolation(COMM, levels[-1], step)
+        assert coarse.point.shape == (matrix.getLocalSize()[1], 2)
+        assert matrix.getSize()[1] < 0.5 * matrix.getSize()[0]
+        levels.append(coarse)
+        matrices.append(matrix)
+    free = linear.free[owned]
+    x, y = network.node_position[owned].T
+    inside = (abs(x - 0.15) < 0.15 - 10 / 200) & (abs(y - 0.16) < 0.16 - 10 / 200)
+    assert COMM.allreduce(int(inside.sum())) > 1000
+    for gradient in np.eye(4).reshape(4, 2, 2), np.array([[[0.0, -1.0], [1.0, 0.0]]]):
+        for one in gradient:
+            found = interpolated(matrices, levels, lambda at, g=one: at * network.pitch @ g.T)
+            expected = affine_motion(linear, one)[owned]
+            wrong = abs(found.reshape(free.shape) - expected)[inside]
+            assert wrong.max(initial=0.0) < 1e-12
+    for shift in np.eye(2):
+        found = interpolated(matrices, levels, lambda at, u=shift: np.tile(u, (len(at), 1)))
+        expected = affine_motion(linear, np.zeros((2, 2)), shift)[owned]
+        assert abs(found.reshape(free.shape) - expected)[free].max(initial=0.0) < 1e-12
     for matrix in matrices:
-        assert matrix.getSize()[1] < 0.7 * matrix.getSize()[0]
         matrix.destroy()
-    for thing in (ones, image, columns):
-        thing.destroy()
 
 
 @pytest.mark.three_ranks
@@ -177,7 +197,7 @@ def test_contrast_of_a_diagonal_with_zeros():
         matrix.setValue(row, row, float(row % 2))
     matrix.assemble()
     with np.errstate(all="raise"):
-        assert _contrast(matrix) == np.inf
+        assert contrast(matrix) == np.inf
     matrix.destroy()
 
 
@@ -203,11 +223,11 @@ def test_sweeps_up_are_the_transpose_of_sweeps_down(bending):
 def test_galerkin_products_are_petscs(outline, bending):
     """All levels, against PETSc's triple product."""
     linear, matrix = clamped(outline, bending)
-    levels = hierarchy(matrix, linear.network.partition, unknowns_of(linear), coarsest=300)
+    levels = hierarchy(matrix, unknowns_of(linear), coarsest=300)
     assert len(levels.matrices) >= 3
     fine = matrix
-    for interpolation, product in zip(levels.interpolations, levels.matrices, strict=True):
-        expected = fine.ptap(interpolation)
+    for prolongation, product in zip(levels.interpolations, levels.matrices, strict=True):
+        expected = fine.ptap(prolongation)
         norm = expected.norm()
         expected.axpy(-1.0, product)
         assert expected.norm() < 1e-13 * norm
@@ -222,7 +242,7 @@ def test_couplings_that_reach_too_far_are_left_to_petsc():
     linear, matrix = clamped("rectangle", True)
     square = matrix.matMult(matrix)
     square = square.matMult(matrix)
-    levels = hierarchy(square, linear.network.partition, unknowns_of(linear))
+    levels = hierarchy(square, unknowns_of(linear))
     expected = square.ptap(levels.interpolations[0])
     norm = expected.norm()
     expected.axpy(-1.0, levels.matrices[0])

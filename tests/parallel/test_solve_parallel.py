@@ -24,7 +24,7 @@ from cruciform_petsc.errors import InputError, SolverError
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import LinearNetwork
-from cruciform_petsc.solvers.linear import ITERATIVE, PREFIX
+from cruciform_petsc.solvers.options import ITERATIVE, PREFIX
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks

@@ -2,11 +2,13 @@
 """KSP by options: solvers agree, failures are told, the database is left as it was, mechanisms."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array, diags_array, eye_array, kron
 from support.helpers import (
     PITCH,
     TABLE_1,
@@ -26,13 +28,14 @@ from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import LinearNetwork
-from cruciform_petsc.solvers.linear import (
+from cruciform_petsc.solvers.linear import SOFTEST, LinearSolver
+from cruciform_petsc.solvers.multigrid import Hierarchy
+from cruciform_petsc.solvers.options import (
     DIRECT,
     ITERATIVE,
     PREFIX,
-    SOFTEST,
-    LinearSolver,
-    _orthonormal,
+    blas_in_use,
+    near_null_space,
     petsc_options,
     reason_name,
 )
@@ -162,6 +165,53 @@ def test_solver_can_be_used_again():
         assert info.unknowns == 3
 
 
+# -- coarse levels -----------------------------------------------------------------------------
+
+
+def two_levels(columns):
+    """Iterations on 16 strips of springs, each held softly; coarse: constants on squares of 4.
+
+    columns: numbers of the coarse unknowns, in some order.
+    """
+
+    def loose(n):
+        ends = diags_array([1.0, *(n - 2) * [0.0], 1.0])
+        return diags_array([-1.0, 2.0, -1.0], offsets=(-1, 0, 1), shape=(n, n)) - ends
+
+    strip = kron(loose(32), eye_array(4)) + kron(eye_array(32), loose(4))
+    held = np.repeat(np.geomspace(1e-7, 1e-4, 16), 128)
+    fine = csr_array(kron(eye_array(16), strip) + diags_array(held))
+    constant = csr_array(csr_array(kron(eye_array(128), np.ones((16, 1))))[:, columns])
+
+    def petsc(matrix):
+        arrays = (matrix.indptr, matrix.indices, matrix.data)
+        return PETSc.Mat().createAIJ(matrix.shape, csr=arrays, comm=MPI.COMM_SELF)
+
+    matrix = petsc(fine)
+    solver = LinearSolver(
+        matrix,
+        extra={"pc_type": "mg", "ksp_rtol": 1e-8},
+        multigrid=lambda _: Hierarchy(
+            [petsc(constant)], [petsc((constant.T @ fine @ constant).tocsr())]
+        ),
+    )
+    load = np.sin(np.arange(16 * 128) ** 2)
+    x, info = solver.solve(vector(*load))
+    np.testing.assert_allclose(fine @ x.getArray(), load, atol=1e-6)
+    solver.destroy()
+    return info.iterations
+
+
+def test_coarse_unknowns_that_are_alike():
+    """The coarsest matrix is singular then, and lifted, by so little that no iteration is lost.
+
+    By 1e-6 of the diagonal 19 take the place of 16, by 1e-4 53; by 1e-17 nothing is factorised.
+    """
+    columns = np.arange(128)
+    assert two_levels(columns) == 16
+    assert two_levels(np.append(columns, [7, 30, 30])) == 16
+
+
 # -- options -----------------------------------------------------------------------------------
 
 
@@ -278,11 +328,29 @@ def test_reason_names():
     assert reason_name(12345) == "12345"
 
 
-def test_orthonormal():
+def test_blas_in_use(monkeypatch):
+    """By the libraries that are loaded; OpenBLAS with its version."""
+    for loaded, name in (
+        (
+            "/usr/lib/libblas.so.3\n/usr/lib/libopenblas-r0.3.29.so",
+            "openblas 0.3.29",
+        ),
+        ("/opt/conda/lib/libopenblasp-r0.3.30.so", "openblas 0.3.30"),
+        ("/usr/lib/libopenblas.so.0", "openblas"),
+        ("/opt/intel/lib/libmkl_core.so.2", "mkl"),
+        ("/usr/lib/libblas.so.3.12.1", "reference BLAS"),
+        ("/usr/lib/libc.so.6", "unknown"),
+    ):
+        monkeypatch.setattr(Path, "read_text", lambda _, text=loaded: text)
+        assert blas_in_use() == name
+
+
+def test_near_null_space():
     """Same span, orthonormal, whatever the units of the columns."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(50, 3)) * [1.0, 1e-3, 1e4]
-    rows = _orthonormal(columns, MPI.COMM_SELF)
+    space = near_null_space(columns, MPI.COMM_SELF)
+    rows = np.array([vector.getArray(readonly=True) for vector in space.getVecs()])
     np.testing.assert_allclose(rows @ rows.T, np.eye(3), atol=1e-12)
     fitted = rows.T @ (rows @ columns)
     np.testing.assert_allclose(fitted, columns, rtol=1e-9, atol=1e-9)

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: MIT
+"""Settings of PETSc's solvers, and the options database that overrules them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from ..errors import InputError
+
+PREFIX = "cruciform_"
+# Up to here a sparse Cholesky factorisation is the default: planar graphs fill in little, and it
+# finds mechanisms, which an iteration cannot. At 363,000 unknowns it takes 2.4 times as long as the
+# yarn multigrid (1.6 s, with OpenBLAS) and half a GiB; no general iteration is faster.
+DIRECT_LIMIT = 400_000
+
+DIRECT = {
+    "ksp_type": "preonly",
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+}
+ITERATIVE = {
+    "ksp_type": "cg",
+    "ksp_rtol": 1e-9,
+    "ksp_max_it": 2000,
+    "ksp_norm_type": "unpreconditioned",
+    "pc_type": "gamg",
+    # Smoothers for GAMG and for the yarn multigrid: stiff yarns (E/G of hundreds and more) need
+    # more than Jacobi, and the ordering by yarn makes ICC a good one.
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_ksp_max_it": 2,
+    "mg_levels_pc_type": "bjacobi",
+    "mg_levels_sub_pc_type": "icc",
+    "mg_levels_sub_pc_factor_shift_type": "positive_definite",
+}
+STEPS = "mg_levels_ksp_max_it"
+YARN_MULTIGRID = {key: value for key, value in ITERATIVE.items() if key != STEPS} | {
+    "pc_type": "mg",
+    "pc_mg_cycle_type": "v",
+    "mg_coarse_ksp_type": "preonly",
+    "mg_coarse_pc_type": "cholesky",
+    "mg_coarse_pc_factor_mat_solver_type": "mumps",
+    # Room for MUMPS' work arrays, per cent: in parallel it sometimes needs more than it foresees.
+    "mg_coarse_mat_mumps_icntl_14": 300,
+}
+# What the paper's separate systems need: singular matrices and loads that they cannot carry whole.
+# LSQR from zero gives the solution of least squares with the smallest norm.
+LEAST_NORM = {
+    "ksp_type": "lsqr",
+    "ksp_rtol": 1e-10,
+    "ksp_max_it": 100_000,
+    "pc_type": "none",
+}
+_KINDS = {  # of what a type is an option, and one that every PETSc has
+    "snes_type": (PETSc.SNES, "newtonls"),
+    "ksp_type": (PETSc.KSP, "cg"),
+    "pc_type": (PETSc.PC, "cholesky"),
+}
+
+
+def default_options(
+    unknowns: int, prefix: str, extra: Mapping[str, object], multigrid: bool
+) -> dict[str, object]:
+    """Settings by size, or those that belong to the preconditioner asked for.
+
+    Parameters
+    ----------
+    unknowns : int
+        Of all ranks.
+    extra : mapping
+        Options of a case file; the command line's, under the prefix, overrule them.
+    multigrid : bool
+        Whether there is a geometric multigrid for the matrix.
+    """
+    by_size = "cholesky" if unknowns <= DIRECT_LIMIT else "mg"
+    kind = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", by_size)))
+    if kind in ("cholesky", "lu"):
+        return dict(DIRECT)
+    return dict(YARN_MULTIGRID if kind == "mg" and multigrid else ITERATIVE)
+
+
+@contextmanager
+def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
+    """Options under a prefix for a while; what the user has set on the command line wins."""
+    database = PETSc.Options()
+    names = {f"{prefix}{name}": value for name, value in options.items()}
+    names = {name: value for name, value in names.items() if not database.hasName(name)}
+    for name, value in names.items():
+        database[name] = value
+    try:
+        yield
+    finally:
+        for name in names:
+            database.delValue(name)
+
+
+def set_from_options(
+    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object]
+) -> None:
+    """Set a solver up from the options database, in which the options are by now. Collective.
+
+    Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
+    """
+    try:
+        solver.setFromOptions()
+        return
+    except PETSc.Error as error:
+        refused = error
+    database = PETSc.Options(prefix)
+    source = "solver.options or the command line" if prefix == PREFIX else "the command line"
+    for name, (kind, known) in _KINDS.items():
+        value = database.getString(name, str(options.get(name, "")))
+        if not value or (kind is PETSc.SNES and not isinstance(solver, PETSc.SNES)):
+            continue
+        probe = kind().create(PETSc.COMM_SELF)
+        try:
+            probe.setType(value)
+        except PETSc.Error as error:
+            raise InputError(
+                f"-{prefix}{name} (from {source}) is '{value}', which this PETSc does not have: "
+                f"'{known}' would do"
+            ) from error
+        finally:
+            probe.destroy()
+    raise InputError(
+        f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
+        f"{refused.ierr}): correct it or leave it out"
+    ) from refused
+
+
+def reason_name(reason: int, kind: Any = PETSc.KSP) -> str:
+    """PETSc's name of the reason why a KSP (or SNES) has converged or not."""
+    for name, value in vars(kind.ConvergedReason).items():
+        if value == reason and name.isupper() and name not in ("ITERATING", "CONVERGED_ITERATING"):
+            return name
+    return str(reason)
+
+
+def near_null_space(columns: np.ndarray, comm) -> PETSc.NullSpace:
+    """Space of motions that cost (nearly) no energy, for algebraic multigrid. Collective.
+
+    columns : float (n_owned_unknowns, m), of any size; the caller destroys the space.
+    """
+    scaled = columns / np.sqrt(comm.allreduce((columns**2).sum(axis=0)))
+    gram = comm.allreduce(scaled.T @ scaled)
+    orthonormal = np.linalg.solve(np.linalg.cholesky(gram), scaled.T)
+    vectors = [PETSc.Vec().createWithArray(row.copy(), comm=comm) for row in orthonormal]
+    space = PETSc.NullSpace().create(vectors=vectors, comm=comm)
+    for vector in vectors:
+        vector.destroy()
+    return space
+
+
+def blas_in_use() -> str:
+    """The BLAS that this process has loaded, as "openblas 0.3.29"; the direct solvers' speed.
+
+    "reference BLAS" where a plain libblas is all there is; "unknown" where no one tells.
+    """
+    try:
+        loaded = Path("/proc/self/maps").read_text()
+    except OSError:
+        return "unknown"
+    for pattern, name in (
+        (r"/lib(openblas)[\w-]*?-?r?([\d.]*)\.so", "{} {}"),
+        (r"/lib(mkl|blis|atlas|nvpl_blas|flexiblas)[\w-]*\.so", "{}"),
+        (r"/libblas\.so", "reference BLAS"),
+    ):
+        found = re.search(pattern, loaded)
+        if found:
+            return name.format(*found.groups()).strip()
+    return "unknown"
