@@ -328,10 +328,7 @@ def compare(
         They have nothing in common.
     """
     if a.is_measured or b.is_measured:
-        axes = [
-            "displacement_mm" if side.is_measured else _displacement(side.columns, side.kind).column
-            for side in (a, b)
-        ]
+        axes = [_displacement(side.columns, side.kind).column for side in (a, b)]
         names = ["load_N"]
     else:
         axes = [next(iter(side.columns)) for side in (a, b)]

@@ -110,6 +110,7 @@ def declare(
 
 EXTENSION = declare("extension_mm", is_displacement=True)
 LOAD = declare("load_N")
+declare("displacement_mm", is_displacement=True)  # measured
 declare("shear_centre_deg", "shear, at the centre point", "shear angle in the centre")
 declare("shear_max_deg", "shear, largest (absolute)", "largest shear angle")
 declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the middle zone")

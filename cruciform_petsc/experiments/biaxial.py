@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,7 @@ class Biaxial(Experiment):
     clamps = ("lower", "upper", "left", "right")
     forces = ("force_warp_N", "force_weft_N")  # the load does the work of both
     load_name = "work-conjugate load"
+    captions: ClassVar = {"tension_against_strain.png": "Tension of the cloth against its strain."}
     colour = "tension"
 
     def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):

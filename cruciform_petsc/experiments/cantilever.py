@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -36,6 +36,9 @@ class Cantilever(Experiment):
     column = LOAD
     clamps = ("lower",)
     movement = "tip deflection"
+    captions: ClassVar = {
+        "load_against_deflection.png": "Load against the deflection of the loaded edge."
+    }
 
     def __init__(self, network: Network, load: Any, **options: Any):
         super().__init__(network, load, **options)

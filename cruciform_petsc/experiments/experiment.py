@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -100,6 +100,8 @@ class Experiment:
     # like a bias test; "free", of which there is none; "" where nothing compares.
     reference = ""
     upper = "grip"
+    # What stands below the pictures that only this kind has.
+    captions: ClassVar[dict[str, str]] = {}
     # Edges that are drawn as bars.
     clamps: tuple[str, ...] = ("lower", "upper")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..elements.kinematics import net_reach
+from ..parallel import least, most
 from ..quantities import si_text
 
 if TYPE_CHECKING:
@@ -61,12 +62,12 @@ def _finite(result: TestResult, largest: float) -> list[str]:
             "stretch lie along the pull, the load is that of stretched yarns"
         )
     strains = [state.fields["arm_strain"] for state in result.states]
-    least = min(comm.allgather(min(float(strain.min(initial=0.0)) for strain in strains)))
-    most = max(comm.allgather(max(float(strain.max(initial=0.0)) for strain in strains)))
+    shortest = least(comm, [strain.min(initial=0.0) for strain in strains], 0.0)
+    longest = most(comm, [strain.max(initial=0.0) for strain in strains], 0.0)
     # The strain at which yarns of cloth give way, as a rule (docs/laws.md).
-    if fabric.compression == 1.0 and least < -fabric.compression_width:
+    if fabric.compression == 1.0 and shortest < -fabric.compression_width:
         sentences.append(
-            f"yarns are compressed by up to {-100 * least:.2g} % and carry that like tension; "
+            f"yarns are compressed by up to {-100 * shortest:.2g} % and carry that like tension; "
             "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
         )
     cuts = [increment for increment in result.increments if increment.cuts]
@@ -76,9 +77,9 @@ def _finite(result: TestResult, largest: float) -> list[str]:
             f"equilibrium was found, first before {experiment.column.text(cuts[0].control)}; "
             "what follows may be another branch than that of smaller steps"
         )
-    if most > BREAKING:
+    if longest > BREAKING:
         sentences.append(
-            f"yarns are stretched by up to {100 * most:.3g} %, which hardly any yarn stands; the "
+            f"yarns are stretched by up to {100 * longest:.3g} %, which hardly any yarn stands; the "
             "laws of tension know no rupture"
         )
     return sentences

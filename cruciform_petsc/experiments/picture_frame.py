@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,10 @@ class PictureFrame(Experiment):
     control = "angle"
     unit = "rad"
     column = declare("angle_deg", "angle of the frame", "shear angle of the frame", "angle")
+    captions: ClassVar = {
+        "load_against_angle.png": "Load against the shear angle of the frame.",
+        "load_against_crosshead.png": "Load against the displacement of the crosshead.",
+    }
     clamps = EDGES
 
     def __init__(self, network: Network, angle: Any, **options: Any):

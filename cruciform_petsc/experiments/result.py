@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..net.lattice import SHORTEST_ARM
+from ..parallel import least, most
 from ..small.network import MODES
 
 if TYPE_CHECKING:
@@ -202,13 +203,12 @@ class TestResult:
     def shear_angles_centre(self) -> np.ndarray:
         """The same for each state. Collective."""
         low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
-        half = getattr(self.experiment, "upper", "grip") == "centre-line"
+        half = self.experiment.upper == "centre-line"
         middle = np.array([0.5 * (low_x + high_x), high_y if half else 0.5 * (low_y + high_y)])
         distance = np.hypot(*(self.network.crossover_position - middle).T)
         distance = np.where(self.supports.carrying, distance, np.inf)
         comm = self.network.comm
-        nearest = min(comm.allgather(float(distance.min(initial=np.inf))))
-        near = distance <= nearest + 1e-3 * self.network.pitch.min()
+        near = distance <= least(comm, distance) + 1e-3 * self.network.pitch.min()
         sums = [state.fields["shear_angle"][near].sum() for state in self.states]
         total = comm.allreduce(np.array([*sums, near.sum()], float))
         return total[:-1] / total[-1]
@@ -223,10 +223,8 @@ class TestResult:
         """
         network = self.network
         rotation, origin = network.preform.rotation, network.preform.lattice_origin
-        clamped = [
-            network.preform.edge(edge) for edge in ("lower", "upper")
-            if edge in network.preform.edges and self._is_clamped(edge)
-        ]  # fmt: skip
+        edges = [edge for edge in self.experiment.clamps if edge in network.preform.edges]
+        clamped = [network.preform.edge(edge) for edge in edges]
         held = np.zeros(network.num_crossovers_owned, np.int8)
         for family, yarns in enumerate((network.warp_yarns, network.weft_yarns)):
             ends = np.zeros((len(yarns.line), 2, 2))
@@ -246,12 +244,6 @@ class TestResult:
             part = yarns.find(ij[:, 1 - family], ij[:, family])
             held += is_held[part] & (part >= 0)
         return np.where(self.supports.carrying, held, -1).astype(np.int8)
-
-    def _is_clamped(self, edge: str) -> bool:
-        if getattr(self.experiment, "ends", "grip") == "free":
-            return False
-        half = getattr(self.experiment, "upper", "grip") == "centre-line"
-        return not (half and edge == "upper")
 
     def zone_angles(self) -> dict[str, np.ndarray]:
         """Median shear angle of each zone for each state, radians; NaN where it is empty.
@@ -309,8 +301,7 @@ def _median(comm, values: np.ndarray) -> float:
     count = comm.allreduce(len(values))
     if not count:
         return float("nan")
-    low = min(comm.allgather(float(values.min(initial=np.inf))))
-    high = max(comm.allgather(float(values.max(initial=-np.inf))))
+    low, high = least(comm, values), most(comm, values)
     for _ in range(40):
         middle = 0.5 * (low + high)
         if 2 * comm.allreduce(int((values <= middle).sum())) >= count:

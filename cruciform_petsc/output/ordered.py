@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..parallel import on_root, send_by_rank
-from .tables import finish_file, start_file
+from ..parallel import send_by_rank
+from .tables import written_by_all
 
 
 def in_order(
@@ -69,18 +69,13 @@ def write_pieces(comm: MPI.Intracomm, path: str | Path, pieces: Iterable[bytes])
     InputError
         On every rank: the place cannot be written to.
     """
-    path = Path(path)
-    temporary = on_root(comm, lambda: start_file(path))
-    for piece in pieces:
-        for turn in range(comm.size):
-            problem = None
-            if turn == comm.rank and piece:
-                try:
-                    with temporary.open("ab") as file:
-                        file.write(piece)
-                except OSError as error:
-                    problem = error.strerror or str(error)
-            problem = comm.bcast(problem, root=turn)
-            if problem:
-                on_root(comm, partial(finish_file, path, temporary, problem))
-    on_root(comm, lambda: finish_file(path, temporary))
+    with written_by_all(comm, path) as together:
+        for piece in pieces:
+            for turn in range(comm.size):
+                mine = turn == comm.rank and piece
+                together(partial(_append, piece=piece) if mine else None)
+
+
+def _append(path: Path, piece: bytes) -> None:
+    with path.open("ab") as file:
+        file.write(piece)

@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..net.network import Network
-from ..parallel import on_root
 from .provenance import file_notes
 from .sample import node_means
-from .tables import finish_file, start_file
+from .tables import written_by_all
 
 if TYPE_CHECKING:
     import h5py
@@ -254,21 +253,17 @@ def write_by_rank(
 
     together = comm.size > 1 and h5py.get_config().mpi
     options = {"driver": "mpio", "comm": comm} if together else {}
-    temporary = on_root(comm, lambda: start_file(path))
-    problem = None
-    for step, of_step in enumerate(chain([arrays], steps)):
-        for turn in range(1 if together else comm.size):
-            try:
-                if together or turn == comm.rank:
-                    mode = "r+" if turn or step else "w"
-                    with h5py.File(temporary, mode, **options) as file:
-                        root = file.require_group("VTKHDF")
-                        if mode == "w":
-                            create(root)
-                        fill(root, step, of_step)
-            except (OSError, RuntimeError) as error:
-                problem = str(error)
-            problems = [told for told in comm.allgather(problem) if told]
-            if problems:
-                on_root(comm, partial(finish_file, path, temporary, problems[0]))
-    on_root(comm, lambda: finish_file(path, temporary))
+
+    def write_step(turn: int, step: int, of_step: Arrays, temporary: Path) -> None:
+        mode = "r+" if turn or step else "w"
+        with h5py.File(temporary, mode, **options) as file:
+            root = file.require_group("VTKHDF")
+            if mode == "w":
+                create(root)
+            fill(root, step, of_step)
+
+    with written_by_all(comm, path) as in_file:
+        for step, of_step in enumerate(chain([arrays], steps)):
+            for turn in range(1 if together else comm.size):
+                mine = together or turn == comm.rank
+                in_file(partial(write_step, turn, step, of_step) if mine else None)

@@ -17,7 +17,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..parallel import on_root
-from ..quantities import angle_text, force_text, force_unit, quantity, si_text, tension_text
+from ..quantities import (
+    Quantity,
+    angle_text,
+    force_text,
+    force_unit,
+    quantity,
+    si_text,
+    tension_text,
+)
 from ..units import format_si
 from .log import last
 from .tables import written_whole
@@ -36,17 +44,12 @@ MAPS = {  # {at}: the last value asked for
     "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
     "with_and_without_bending.png": "The same with and without yarns that resist bending.",
 }
-CAPTIONS = MAPS | {
+CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
-    "tension_against_strain.png": "Tension of the cloth against its strain.",
-    "load_against_deflection.png": "Load against the deflection of the loaded edge.",
-    "load_against_extension.png": "Load against extension.",
-    "load_against_angle.png": "Load against the shear angle of the frame.",
-    "load_against_crosshead.png": "Load against the displacement of the crosshead.",
 }
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
@@ -96,58 +99,48 @@ def write_report(
     pictures : sequence of str
         Files in the folder, embedded in this order.
     """
-    curve = result.curve()
+    curve, experiment = result.curve(), result.experiment
 
     def write() -> None:
-        paths = [directory / name for name in pictures]
-        text = page(case, result.experiment, curve, summary, paths)
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        environment = Environment(
+            loader=PackageLoader("cruciform_petsc.output", "."),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        environment.filters |= {"sentence": _sentence, "percent": _percent}
+        text = environment.get_template("report.html.j2").render(
+            case=case,
+            summary=summary,
+            words=_words(summary),
+            key_figures=_key_figures(experiment, summary),
+            at=at,
+            tension=tension_text(summary["yarn_tension_max"]),
+            maps=gallery(maps, captions, at, experiment.colour),
+            jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
+            curves=gallery([path for path in paths if path not in maps], captions),
+            results=curve_table(curve, experiment.load_name),
+            measured_table=_measured(summary.get("measured", {})),
+            continuum=_continuum(summary, curve),
+            fabric=fabric(case),
+            case_tables=_case(case),
+            sizes=_sizes(summary),
+            times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
+            increments=_increments(summary, experiment.column),
+            origin=_origin(summary),
+        )
         with written_whole(directory / "report.html") as temporary:
             temporary.write_text(text, encoding="utf-8")
 
-    on_root(result.network.comm, write)
-
-
-def page(
-    case: Case,
-    experiment: Experiment,
-    curve: Mapping[str, np.ndarray],
-    summary: Mapping[str, Any],
-    pictures: Sequence[Path],
-) -> str:
-    """The whole page; see `write_report`."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("cruciform_petsc.output", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["capitalize_first"] = _capitalized
     at = last_control(curve)
-    maps = sorted((p for p in pictures if p.name in MAPS), key=lambda p: list(MAPS).index(p.name))
-    return environment.get_template("report.html.j2").render(
-        title=case.title,
-        words=_words(summary),
-        key_figures=_key_figures(experiment, summary),
-        at=at,
-        tension=tension_text(summary["yarn_tension_max"]),
-        warnings=_warnings(summary),
-        maps=gallery(maps, at, experiment.colour),
-        jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
-        uniform=summary.get("uniform_maps", {}).values(),
-        curves=gallery([path for path in pictures if path.name not in MAPS]),
-        results=curve_table(curve, experiment.load_name),
-        measured=_measured(summary.get("measured")),
-        continuum=_continuum(summary, curve),
-        fabric=fabric(case),
-        case=_case(case),
-        sizes=_sizes(summary),
-        times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
-        increments=_increments(summary, curve),
-        origin=_origin(summary),
-    )
+    captions = CAPTIONS | experiment.captions
+    paths = [directory / name for name in pictures]
+    order = list(MAPS)
+    maps = sorted((p for p in paths if p.name in MAPS), key=lambda p: order.index(p.name))
+    on_root(result.network.comm, write)
 
 
 # -- sections --------------------------------------------------------------------------------------
@@ -190,29 +183,22 @@ def last_control(curve: Mapping[str, np.ndarray]) -> str:
     return f"at {float(np.asarray(values)[-1]) * scale:.4g}{space}{unit} {quantity(name).name}"
 
 
-def _warnings(summary: Mapping[str, Any]) -> list[str]:
-    told = list(summary.get("warnings", []))
-    if "ended_early" in summary:
-        told.insert(0, f"The test ended early: {summary['ended_early']}")
-    failed = summary.get("continuum", {}).get("failed")
-    if failed:
-        told.append(f"The membrane could not be solved: {failed}")
-    sentences = (_capitalized(" ".join(str(text).split())) for text in told)
-    return [text if text.endswith(".") else f"{text}." for text in sentences]
-
-
 def gallery(
-    paths: Sequence[Path], at: str = "", colour: str = "shear angle"
+    paths: Sequence[Path], captions: Mapping[str, str], at: str = "", colour: str = ""
 ) -> list[dict[str, Any]]:
-    """Pictures with their captions, two in a row, wide ones first and by themselves."""
+    """Pictures with their captions, two in a row, wide ones first and by themselves.
+
+    A picture without a caption has its name: load_against_extension.png is that.
+    """
     pictures = []
     for path in paths:
         data = path.read_bytes()
         width, height = (int.from_bytes(data[i : i + 4], "big") for i in (16, 20))  # PNG header
+        caption = captions.get(path.name, f"{path.stem.replace('_', ' ').capitalize()}.")
         wide = width / height > WIDE or path.name == "stages.png"
         pictures.append(
             {
-                "caption": CAPTIONS[path.name].format(at=at, colour=colour),
+                "caption": caption.format(at=at, colour=colour),
                 "width": width,
                 "height": height,
                 "basis": "100%" if wide else f"min(100%, {LEAST}px)",
@@ -236,28 +222,17 @@ def curve_table(curve: Mapping[str, np.ndarray], load_name: str = "load") -> Tab
     return Table(heads, list(zip(*columns, strict=True)))
 
 
-def _measured(measured: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    if not measured:
-        return None
+def _measured(measured: Mapping[str, Any]) -> Table | None:
+    """Measured and computed loads; none if the test does not reach any of them."""
     if "rms_relative" not in measured:
-        return {"table": None}
+        return None
     columns = [measured[key] for key in ("displacement_mm", "measured_n", "load_n")]
     off = [
         "" if load is None or not np.isfinite(load) else _percent(load / force - 1.0, True)
         for _, force, load in zip(*columns, strict=True)
     ]
     heads = ["displacement (mm)", "measured (N)", "computed (N)", "difference"]
-    rms, end, largest = (measured[f"{key}_relative"] for key in ("rms", "end", "largest"))
-    return {
-        "rms": (rms, _percent(rms)),
-        "end": (end, _percent(end, True)),
-        "largest": (largest, _percent(largest, True)),
-        "largest_at": f"{measured['largest_at']:.4g}",
-        "points": measured["points"],
-        "points_measured": measured["points_measured"],
-        "file": measured["file"],
-        "table": Table(heads, list(zip(*map(numbers, columns), off, strict=True))),
-    }
+    return Table(heads, list(zip(*map(numbers, columns), off, strict=True)))
 
 
 def _continuum(
@@ -289,12 +264,11 @@ def _continuum(
         + [form(rung[key]) for key, (_, form) in shown.items()]
         for rung in continuum.get("ladder") or []
     ]
-    second = continuum.get("second_gradient")
+    second = "second-gradient " if continuum.get("second_gradient") else ""
     return {
-        "which": "second-gradient membrane" if second else "membrane",
-        "cells": f"{continuum['cells']:,}",
-        "dofs": f"{continuum['dofs']:,}",
-        "mesh_size": si_text(continuum["mesh_size_m"], "m"),
+        "text": f"A {second}membrane of the same outline and edges in dolfinx: "
+        f"{continuum['cells']:,} cells, {continuum['dofs']:,} unknowns, mesh size "
+        f"{si_text(continuum['mesh_size_m'], 'm')}.",
         "table": Table([control.name, *heads], rows),
         "ladder": Table(["refine", "crossovers", *heads], ladder) if ladder else None,
     }
@@ -380,11 +354,10 @@ def _sizes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, ("solvers (PETSc)", ", ".join(words))]
 
 
-def _increments(summary: Mapping[str, Any], curve: Mapping[str, np.ndarray]) -> Table | None:
+def _increments(summary: Mapping[str, Any], control: Quantity) -> Table | None:
     steps = summary.get("increments")
     if not steps:
         return None
-    control = quantity(next(iter(curve)))
     columns = {
         f"{control.name} ({control.unit})": numbers(
             [step["control"] for step in steps], 1.0 / control.scale
@@ -458,8 +431,10 @@ def _unit(column: str, values: Any) -> tuple[float, str]:
     return 1.0, unit
 
 
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _sentence(text: str) -> str:
+    """On one line, from a capital to a full stop."""
+    text = " ".join(str(text).split())
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def _all(value: Any) -> list[float]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..parallel import most
 from ..small.network import MODES
 from .provenance import provenance
 
@@ -101,7 +102,7 @@ def largest_tension(result: TestResult) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for family in ("warp", "weft"):
         tension = fields[f"{family}_tension"][carrying] / getattr(network.fabric, family).yarns
-        largest = max(network.comm.allgather(float(tension.max(initial=-np.inf))))
+        largest = most(network.comm, tension)
         if found and largest <= found["n"] * (1.0 + 1e-9):
             continue
         near = tension >= largest - 1e-6 * abs(largest)

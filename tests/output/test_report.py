@@ -26,7 +26,7 @@ from cruciform_petsc.compare import (
 )
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
-from cruciform_petsc.output.report import curve_table, fabric, gallery, numbers
+from cruciform_petsc.output.report import CAPTIONS, curve_table, fabric, gallery, numbers
 from cruciform_petsc.quantities import force_text
 from cruciform_petsc.run import run_case
 
@@ -216,7 +216,7 @@ def test_pictures_are_two_in_a_row(tmp_path):
     for name in ("stages.png", "yarns.png"):
         size = (900).to_bytes(4, "big")
         (tmp_path / name).write_bytes(bytes(16) + size + size)
-    pictures = gallery([tmp_path / name for name in ("yarns.png", "stages.png")])
+    pictures = gallery([tmp_path / name for name in ("yarns.png", "stages.png")], CAPTIONS)
     assert [picture["basis"] for picture in pictures] == ["100%", "min(100%, 420px)"]
 
 

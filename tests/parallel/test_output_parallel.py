@@ -128,11 +128,11 @@ def test_ranks_without_crossovers(tmp_path):
     fields["carrying"] = np.ones(n, bool)
     moved = np.zeros((network.num_nodes_local, 2))
     path = tmp_path / "one.vtkhdf"
-    states = [State(0.001 * i, 0.0, fields, moved + 0.001 * i) for i in (1, 2)]
-    result = TestResult(SimpleNamespace(network=network, column=EXTENSION), None, 2, states)
-    write_state(path, result, index=0)
+    experiment = SimpleNamespace(network=network, column=EXTENSION)
+    states = [State(0.001 * i, 0.0, fields, moved + 0.001 * i) for i in (0, 1, 2)]
+    write_state(path, TestResult(experiment, None, 2, states), index=0)
     series = tmp_path / "series.vtkhdf"
-    write_series(series, result)
+    write_series(series, TestResult(experiment, None, 2, states[1:]))
     yarns = sample_yarns(network, moved, fields)
     cells = sample_map(network, {"shear": fields["shear_angle"]})
     if COMM.rank == 0:
