@@ -79,7 +79,7 @@ def _finite(result: TestResult, largest: float) -> list[str]:
         )
     if longest > BREAKING:
         sentences.append(
-            f"yarns are stretched by up to {100 * longest:.3g} %, which hardly any yarn stands; the "
-            "laws of tension know no rupture"
+            f"yarns are stretched by up to {100 * longest:.3g} %, which hardly any yarn stands; "
+            "the laws of tension know no rupture"
         )
     return sentences
