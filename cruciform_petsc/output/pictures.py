@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from .tables import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colors import Colormap, Normalize
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from mpi4py import MPI
 
@@ -53,14 +53,6 @@ MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
-
-
-class Colours(NamedTuple):
-    """A colour scale, its colours, and which ends of it some values pass ("neither", "max" ...)."""
-
-    norm: Normalize
-    map: Colormap
-    extend: str
 
 
 def save(
@@ -129,7 +121,7 @@ def yarns(
 
 
 def _add_yarns(
-    axes: Axes, sample: YarnSample, colours: Colours, points_per_metre: float, before: bool
+    axes: Axes, sample: YarnSample, colours: ScalarMappable, points_per_metre: float, before: bool
 ) -> None:
     from matplotlib.collections import LineCollection
 
@@ -142,7 +134,7 @@ def _add_yarns(
         list(1e3 * sample.after[sample.segment]),
         array=ends.mean(axis=1),
         norm=colours.norm,
-        cmap=colours.map,
+        cmap=colours.cmap,
         linewidths=np.clip(0.2 * points_per_metre * sample.spacing, 0.4, 2.6),
         capstyle="round",
         zorder=2,
@@ -205,7 +197,7 @@ def maps(
     return figure
 
 
-def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: Colours) -> None:
+def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: ScalarMappable) -> None:
     """Fill each crossover's cell, cut by the outline.
 
     Bits of the outline in cells without a crossover belong to the nearest ones: cells at the
@@ -223,7 +215,7 @@ def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: Colours
     every = np.ones(len(values), bool)
     for size, rows, order in ((2.6, sample.at_outline, 1.0), (1.0, every, 2.0)):
         cells = PolyCollection(1e3 * sample.cells(size)[rows], array=values[rows])
-        cells.set(norm=colours.norm, cmap=colours.map, edgecolor="face", linewidth=0.3)
+        cells.set(norm=colours.norm, cmap=colours.cmap, edgecolor="face", linewidth=0.3)
         cells.set(zorder=order)
         axes.add_collection(cells)
         cells.set_clip_path(border)
@@ -261,14 +253,15 @@ def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def colour_scale(
     values: Sequence[np.ndarray], share: float = 0.998, *, centred: bool = False
-) -> Colours:
+) -> ScalarMappable:
     """One scale for values, NaN grey.
 
     From zero up (or down) if they have one sign, bar a little scatter; else, or if it is to be
     ``centred``, white at zero. The largest few of many values, beyond ``share`` of them, do not
-    stretch it.
+    stretch it: its colour bar has an arrow there.
     """
     from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
     every = np.concatenate([np.ravel(value) for value in values])
@@ -288,19 +281,14 @@ def colour_scale(
         low = low if high == 0.0 else 0.0
     shades.set_bad("0.75")
     slack = 0.03 * (high - low)
-    passed = bool(every.min() < low - slack), bool(every.max() > high + slack)
-    ends = {(False, False): "neither", (True, False): "min", (False, True): "max"}
-    return Colours(Normalize(low, high), shades, ends.get(passed, "both"))
+    passed = 1 * (every.min() < low - slack) + 2 * (every.max() > high + slack)
+    shades.colorbar_extend = ("neither", "min", "max", "both")[passed]  # type: ignore[assignment]
+    return ScalarMappable(Normalize(low, high), shades)
 
 
-def colour_bar(axes: Axes | list[Axes], colours: Colours, label: str, **options: Any) -> None:
+def colour_bar(axes: list[Axes], colours: ScalarMappable, label: str, **options: Any) -> None:
     """Draw the scale to the right of axes, zero below."""
-    from matplotlib.cm import ScalarMappable
-
-    figure = (axes[0] if isinstance(axes, list) else axes).figure
-    scale = ScalarMappable(colours.norm, colours.map)
-    bar = figure.colorbar(scale, ax=axes, extend=colours.extend, aspect=30, **options)
-    bar.set_label(label)
+    bar = axes[0].figure.colorbar(colours, ax=axes, label=label, aspect=30, **options)
     if colours.norm.vmax == 0.0:
         bar.ax.invert_yaxis()
 

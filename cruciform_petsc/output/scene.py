@@ -24,6 +24,7 @@ from . import pictures
 from .sample import YarnSample
 
 if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 ALONG = 8  # pieces of tube per crossover
@@ -75,9 +76,7 @@ def woven(
     return _page(image, 1e3 * extent, colours, title, sample.every)
 
 
-def yarn_lines(
-    sample: YarnSample, height: float, colours: pictures.Colours
-) -> dict[str, np.ndarray]:
+def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> dict[str, np.ndarray]:
     """Lines of all yarns with the waves of a plain weave, in metres.
 
     Returns
@@ -110,7 +109,7 @@ def yarn_lines(
         "lines": np.concatenate(lines),
         "first": np.cumsum([0, *(len(line) for line in lines[:-1])]),
         "half": np.concatenate(halves),
-        "shades": colours.map(colours.norm(shown), bytes=True)[:, :3],
+        "shades": colours.to_rgba(shown, bytes=True)[:, :3],
     }
 
 
@@ -190,7 +189,7 @@ def _display() -> Iterator[dict[str, str]]:
 
 
 def _page(
-    image: np.ndarray, extent: np.ndarray, colours: pictures.Colours, title: str, every: int
+    image: np.ndarray, extent: np.ndarray, colours: ScalarMappable, title: str, every: int
 ) -> Figure:
     """Put a colour bar, the length of a ruler and a title around an image of (2,) mm."""
     from matplotlib.figure import Figure
@@ -205,7 +204,7 @@ def _page(
     axes.plot([left, left + length], [0.0, 0.0], "k", linewidth=2.0, clip_on=False)
     axes.annotate(f"{length:g} mm", (left, 0.0), (0, 4), textcoords="offset points", fontsize=9)
     axes.set(xlim=(0.0, extent[0]), ylim=(0.0, extent[1]))
-    pictures.colour_bar(axes, colours, pictures.ANGLE_LABEL, shrink=min(0.7, 2.4 / height))
+    pictures.colour_bar([axes], colours, pictures.ANGLE_LABEL, shrink=min(0.7, 2.4 / height))
     axes.set_title(title, fontsize=10)
     if every > 1:
         note = f"each yarn drawn stands for {every}; heights {every} times as large"

@@ -327,8 +327,8 @@ def test_colour_scales(values, limits, extend):
     """From zero, or about it; a single wild value does not stretch them."""
     scale = pictures.colour_scale([np.array(value) for value in values])
     assert (scale.norm.vmin, scale.norm.vmax) == limits
-    assert scale.extend == extend
-    assert np.all(scale.map(np.ma.masked)[:3] == to_rgb("0.75"))
+    assert scale.cmap.colorbar_extend == extend
+    assert np.all(scale.to_rgba(np.ma.masked_invalid([np.nan]))[0, :3] == to_rgb("0.75"))
 
 
 # -- curves ----------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from support.vtkhdf import read_vtkhdf, times_of
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.result import State, TestResult
-from cruciform_petsc.output import pictures
+from cruciform_petsc.output import figures, pictures
 from cruciform_petsc.output.paraview import ENERGIES, write, write_series, write_state
 from cruciform_petsc.output.sample import sample_map, sample_yarns
 from cruciform_petsc.output.tables import write_csv, write_json
@@ -192,5 +192,6 @@ def test_pictures_need_their_data_on_rank_0_only(tmp_path, result):
     shear = sample_map(result.network, {"network": result.fields["shear_angle"]})
     pictures.save(COMM, tmp_path / "yarns.png", pictures.yarns, [("", sample, [])])
     pictures.save(COMM, tmp_path / "map.png", pictures.maps, shear)
-    for name in ("yarns.png", "map.png"):
+    figures.scene(result, tmp_path / "scene.png")
+    for name in ("yarns.png", "map.png", "scene.png"):
         assert (tmp_path / name).exists()
