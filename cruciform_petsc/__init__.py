@@ -13,18 +13,26 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from .case.schema import Case
-    from .cloth.fabric import Fabric, YarnFamily
-    from .cloth.preform import Preform
-    from .errors import CruciformError, InputError, SolverError
-    from .experiments.bias_extension import BiasExtension
-    from .experiments.biaxial import Biaxial
-    from .experiments.cantilever import Cantilever
-    from .experiments.off_axis import OffAxisTension
-    from .experiments.pantograph import Pantograph
-    from .experiments.picture_frame import PictureFrame
-    from .experiments.result import TestResult
-    from .net.network import Network
+    from .case.schema import Case as Case
+    from .cloth.fabric import Fabric as Fabric
+    from .cloth.fabric import YarnFamily as YarnFamily
+    from .cloth.preform import Preform as Preform
+    from .continuum.compare import compare_with_membrane as compare_with_membrane
+    from .errors import CruciformError as CruciformError
+    from .errors import InputError as InputError
+    from .errors import SolverError as SolverError
+    from .experiments.bias_extension import BiasExtension as BiasExtension
+    from .experiments.biaxial import Biaxial as Biaxial
+    from .experiments.cantilever import Cantilever as Cantilever
+    from .experiments.off_axis import OffAxisTension as OffAxisTension
+    from .experiments.pantograph import Pantograph as Pantograph
+    from .experiments.picture_frame import PictureFrame as PictureFrame
+    from .experiments.result import TestResult as TestResult
+    from .net.network import Network as Network
+    from .output.exports import export as export
+    from .output.figures import plot as plot
+    from .output.figures import scene as scene
+    from .output.paraview import write as write
 
 _HOME = {
     "BiasExtension": "experiments.bias_extension",
@@ -42,24 +50,13 @@ _HOME = {
     "SolverError": "errors",
     "TestResult": "experiments.result",
     "YarnFamily": "cloth.fabric",
+    "compare_with_membrane": "continuum.compare",
+    "export": "output.exports",
+    "plot": "output.figures",
+    "scene": "output.figures",
+    "write": "output.paraview",
 }
-__all__ = [
-    "BiasExtension",
-    "Biaxial",
-    "Cantilever",
-    "Case",
-    "CruciformError",
-    "Fabric",
-    "InputError",
-    "Network",
-    "OffAxisTension",
-    "Pantograph",
-    "PictureFrame",
-    "Preform",
-    "SolverError",
-    "TestResult",
-    "YarnFamily",
-]
+__all__ = list(_HOME)
 
 
 def __getattr__(name: str) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +18,13 @@ import numpy as np
 
 from .calibration.curve import read_curve
 from .errors import InputError
+from .experiments import biaxial, cantilever, picture_frame  # noqa: F401 (their columns)
 from .output import pictures
 from .output.folder import prepare_directory
+from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
+from .quantities import Quantity, displacement, quantity
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -29,24 +32,8 @@ if TYPE_CHECKING:
     from .calibration.curve import MeasuredCurve
     from .experiments.result import TestResult
 
-# Columns of a curve that a test machine's displacement is compared with.
-DISPLACEMENTS = ("extension_mm", "crosshead_mm", "tip_across_mm")
 # A value this small beside the largest of its curve has no relative difference.
 NOTHING = 1e-9
-NAMES = {
-    "load_N": "load",
-    "energy_J": "energy",
-    "shear_centre_deg": "shear angle in the centre",
-    "shear_max_deg": "largest shear angle",
-    "shear_middle_deg": "shear angle of the middle zone",
-    "shear_side_deg": "shear angle of the side zones",
-    "shear_clamp_deg": "shear angle at the clamps",
-    "extension_mm": "extension (mm)",
-    "crosshead_mm": "displacement of the crosshead (mm)",
-    "tip_across_mm": "deflection of the loaded edge (mm)",
-    "angle_deg": "shear angle of the frame (°)",
-    "strain_warp_percent": "warp strain (%)",
-}
 
 Line = tuple[np.ndarray, np.ndarray]
 
@@ -178,25 +165,17 @@ def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Diffe
 # -- a run and measured data -----------------------------------------------------------------------
 
 
-def load_line(result: TestResult) -> tuple[str, Line]:
+def load_line(result: TestResult) -> Line:
     """Load (N) over displacement (mm) of a result, as a test machine sees it. Collective.
 
-    With all increments, if the displacement is what the test prescribes.
-
-    Returns
-    -------
-    name, (x, y)
-        The displacement's column, and the loading branch.
+    The loading branch; with all increments, if the displacement is what the test prescribes.
     """
-    curve = result.curve()
-    name = _displacement(curve, result.experiment.kind)
-    if name == "extension_mm" and result.increments:
-        steps = result.increments
-        return name, loading(
-            np.array([step.control for step in steps]) / result.experiment.column[1],
-            np.array([step.load for step in steps]),
-        )
-    return name, loading(curve[name], curve["load_N"])
+    curve, steps = result.curve(), result.increments
+    column = _displacement(curve, result.experiment.kind)
+    if column == result.experiment.column and steps:
+        controls = np.array([step.control for step in steps]) / column.scale
+        return loading(controls, np.array([step.load for step in steps]))
+    return loading(curve[column.column], curve["load_N"])
 
 
 def against_measured(line: Line, measured: MeasuredCurve) -> dict[str, Any]:
@@ -228,7 +207,7 @@ def check_measured(kind: str) -> None:
 # -- two curves ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Side:
     """One of the two that are compared.
 
@@ -310,23 +289,23 @@ def _table(path: Path) -> dict[str, np.ndarray]:
 
 
 def _with_energy(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """What can be compared: energies as their sum, and not how equilibrium was found."""
     parts = [value for name, value in columns.items() if name.startswith("energy_")]
-    kept = {
+    compared = {
         name: value
         for name, value in columns.items()
-        if not name.startswith("energy_")
-        and name not in ("newton_iterations", "residual_N", "tolerance_N", "asked", "seconds")
+        if not name.startswith("energy_") and name not in EFFORT
     }
-    return kept | ({"energy_J": np.sum(parts, axis=0)} if parts else {})
+    return compared | ({"energy_J": np.sum(parts, axis=0)} if parts else {})
 
 
-def _displacement(columns: Mapping[str, Any], kind: str) -> str:
-    name = next((name for name in DISPLACEMENTS if name in columns), None)
-    if name is None:
+def _displacement(columns: Iterable[str], kind: str) -> Quantity:
+    column = displacement(columns)
+    if column is None:
         raise InputError(
             f"a {kind} test has no force over a displacement to compare with measured data"
         )
-    return name
+    return column
 
 
 def compare(
@@ -348,14 +327,13 @@ def compare(
     InputError
         They have nothing in common.
     """
-    if a.is_measured or b.is_measured:
-        axes = [
-            "displacement_mm" if side.is_measured else _displacement(side.columns, side.kind)
-            for side in (a, b)
-        ]
+    sides = (a, b)
+    exact = [side for side in sides if side.is_measured] or sides  # where they have values
+    if exact is not sides:
+        axes = [_displacement(side.columns, side.kind).column for side in sides]
         names = ["load_N"]
     else:
-        axes = [next(iter(side.columns)) for side in (a, b)]
+        axes = [next(iter(side.columns)) for side in sides]
         if axes[0] != axes[1]:
             raise InputError(
                 f'"{a.path}" is a curve over {axes[0]} and "{b.path}" one over {axes[1]}, which '
@@ -363,23 +341,19 @@ def compare(
             )
         names = [name for name in a.columns if name in b.columns and name != axes[0]]
     lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
-    # Where one was measured, or was asked for: there at least that one is exact.
-    marked = [
-        side.columns[x] for side, x in zip((a, b), axes, strict=True)
-        if side.is_measured or not (a.is_measured or b.is_measured)
-    ]  # fmt: skip
-    at = np.concatenate(marked)
-    found = {
-        name: difference(*pair, at, relative=not name.endswith("_deg"))
-        for name, pair in lines.items()
-    }
-    figures = {name: value for name, value in found.items() if value is not None}
+    x = {side: side.columns[axis] for side, axis in zip(sides, axes, strict=True)}
+    at = np.concatenate([x[side] for side in exact])
+    figures = {}
+    for name, pair in lines.items():
+        found = difference(*pair, at, relative=quantity(name).unit != "°")
+        if found is not None:
+            figures[name] = found
     if not figures:
-        ends = [side.columns[x] for side, x in zip((a, b), axes, strict=True)]
-        texts = [f"{end.min():.4g} to {end.max():.4g} {_unit(axes[0])}" for end in ends]
-        raise InputError(
-            f'"{a.path}" ({texts[0]}) and "{b.path}" ({texts[1]}) have no range in common'
-        )
+        unit = quantity(axes[0]).log_unit
+        ranges = [
+            f'"{side.path}" ({x[side].min():.4g} to {x[side].max():.4g} {unit})' for side in sides
+        ]
+        raise InputError(f"{' and '.join(ranges)} have no range in common")
     axis = next((x for x in axes if x != "displacement_mm"), axes[0])
     told = {
         "a": {"path": a.path, "title": a.title, "kind": a.kind},
@@ -389,10 +363,6 @@ def compare(
         "differences": {name: value.as_dict() for name, value in figures.items()},
     }
     return told, figures, {name: lines[name] for name in figures}
-
-
-def _unit(column: str) -> str:
-    return {"percent": "%"}.get(unit := column.rpartition("_")[2], unit)
 
 
 def compare_command(
@@ -409,37 +379,23 @@ def compare_command(
     log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
     log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
     log.info("A less B, loads and energies relative to B, angles in degrees:")
+    axis = quantity(told["over"])
     for name, value in figures.items():
-        what, at = NAMES.get(name, name), f"{_unit(told['over'])} ({value.points} points)"
-        log.info("   %-32s %s %s", what, value.text(), at)
+        where = f"{axis.log_unit} ({value.points} points)"
+        log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
     write_json(comm, folder / "comparison.json", told)
-    label = NAMES.get(told["over"], told["over"])
-    labels = _labels(a, b)
-    shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
-    pictures.overlaid(
-        comm,
-        folder / "comparison.png",
-        [
-            (
-                (label, _axis(name)),
-                {
-                    labels[i]: (
-                        lines[name][i] if side.is_measured else drawn(lines[name][i]),
-                        side.is_measured,
-                    )
-                    for i, side in enumerate((a, b))
-                },
-            )
-            for name in shown or list(lines)[:2]
-        ],
-    )
+    shown = [name for name in ("load_N", "shear_centre_deg") if name in lines] or list(lines)[:2]
+    names = _labels(a, b)
+    panels = []
+    for column in shown:
+        curves = {
+            name: (line if side.is_measured else drawn(line), side.is_measured)
+            for name, line, side in zip(names, lines[column], (a, b), strict=True)
+        }
+        panels.append(((axis.axis, quantity(column).axis), curves))
+    pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
     log.info("comparison in %s", folder)
     return told
-
-
-def _axis(name: str) -> str:
-    unit = {"deg": "°"}.get(_unit(name), _unit(name))
-    return f"{NAMES.get(name, name.rpartition('_')[0])} ({unit})"
 
 
 def _labels(a: Side, b: Side) -> list[str]:

@@ -15,7 +15,14 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
-from cruciform_petsc import BiasExtension, Fabric, Network, Preform, YarnFamily
+from cruciform_petsc import (
+    BiasExtension,
+    Fabric,
+    Network,
+    Preform,
+    YarnFamily,
+    compare_with_membrane,
+)
 from cruciform_petsc.continuum.membrane import Membrane
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.small.network import LinearNetwork
@@ -47,7 +54,7 @@ def membrane_ladder(title, outline, angle, refines):
     for refine in refines:
         network = Network(COMM, Preform(outline, angle, refine=refine), TABLE_1)
         result = BiasExtension(network, extension=1e-3, bending=False).solve()
-        c = result.compare_with_membrane(membrane)
+        c = compare_with_membrane(result, membrane)
         say(
             refine,
             network.num_crossovers_global,

@@ -20,7 +20,7 @@ from pathlib import Path
 
 CORE = ("dolfinx", "petsc4py", "mpi4py")
 NEEDED = ("numpy", "scipy", "pydantic", "pint", "shapely", "h5py", "vtk", "matplotlib", "rich")
-NEEDED += ("gmsh", "numba", "pyvista", "pytest", "hypothesis")
+NEEDED += ("gmsh", "jinja2", "numba", "pyvista", "pytest", "hypothesis")
 PIP_NAMES = {"dolfinx": "fenics-dolfinx"}
 MESSAGES = os.fdopen(3, "w")  # what the user reads; scripts/fenicsx gives away stderr
 LEAST_MAJOR = {"pydantic": 2, "shapely": 2}

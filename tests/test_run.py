@@ -18,11 +18,13 @@ from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.equilibrium.newton import EquilibriumError
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.limits import warnings
+from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.figures import control_text, net_kinematics
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
-from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
+from cruciform_petsc.quantities import quantity
+from cruciform_petsc.run import check_case, make_experiment, run_case
 
 LOG = logging.getLogger("test_run")
 SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}
@@ -80,6 +82,7 @@ def test_every_kind(tmp_path, kind):
         both.append(run(MPI.COMM_SELF, folder, case(kind, finite=finite, **KINDS[kind])))
         curve = table(folder / "curve.csv")
         assert len(curve["load_N"]) == 2
+        assert all(quantity(name).unit for name in curve)
         assert both[-1]["load_n"] == pytest.approx(curve["load_N"])
         for name in ("series.vtkhdf", "network.vtkhdf"):
             assert (folder / name).exists()
@@ -205,7 +208,7 @@ def test_what_the_bar_tells(tmp_path, monkeypatch):
     def bar(log, length, begin=0.0):
         yield lambda done, text: told.append((done / length, text))
 
-    monkeypatch.setattr("cruciform_petsc.run.progress_bar", bar)
+    monkeypatch.setattr("cruciform_petsc.output.progress.progress_bar", bar)
     run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="3 mm", increments=2))
     run(MPI.COMM_SELF, tmp_path, case(finite=True, load=["0.2 N", "0.4 N"]))
     assert [share for share, _ in told] == pytest.approx([0.5, 1.0, 0.5, 1.0])
@@ -312,7 +315,7 @@ def test_finite_membrane(tmp_path):
     columns = table(tmp_path / "continuum.csv")
     assert columns["load_membrane_N"] == pytest.approx(continuum["load_n"])
     for name in ("load_against_extension", "zones", "stages", "shear_map", "centre_line"):
-        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+        assert (tmp_path / f"{name}.png").exists()
 
 
 @pytest.mark.parametrize("kind", ["picture-frame", "biaxial", "cantilever"])
@@ -350,8 +353,8 @@ def test_controls_for_people():
     for kind, text in texts.items():
         made = case(kind, **KINDS[kind])
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        assert control_text(make_experiment(made, network), 0.0125) == text
-    assert control_text(make_experiment(made, network), 3.0) == "load 3 N"
+        assert make_experiment(made, network).column.text(0.0125) == text
+    assert make_experiment(made, network).column.text(3.0) == "load 3 N"
 
 
 def test_kinematics_of_an_inextensible_net():
@@ -360,7 +363,8 @@ def test_kinematics_of_an_inextensible_net():
     def angle(extension, **changes):
         made = case(**({"size": ("2 cm", "6 cm"), "extension": "1 mm"} | changes))
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        return net_kinematics(make_experiment(made, network).solve(), np.array(extension))
+        gauge = make_experiment(made, network).net_gauge()
+        return None if gauge is None else np.rad2deg(net_angle(np.array(extension), gauge))
 
     locked = 0.04 * (np.sqrt(2.0) - 1.0)
     np.testing.assert_allclose(angle([0.0, locked * (1 - 1e-12)]), [0.0, 90.0], atol=1e-4)

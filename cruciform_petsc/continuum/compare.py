@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: MIT
-"""The network's fields against the membrane's."""
+"""The membranes that stand beside a test of a network, and the differences to them."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from .domain import MembraneFields, outline_width
+from ..errors import InputError
+from ..experiments.experiment import Experiment
+from ..experiments.result import TestResult
+
+if TYPE_CHECKING:  # dolfinx is loaded when a membrane is solved
+    from .domain import MembraneFields
 
 # Part of the outline's width around singular points in which shear angles are not compared.
 SINGULAR_RADIUS = 0.1
@@ -43,6 +49,151 @@ class Comparison:
     def as_dict(self) -> dict[str, float]:
         """Plain numbers by name, for a summary."""
         return asdict(self)
+
+
+def solve_membranes(
+    result: TestResult, size: float | None = None, bending: bool | None = None
+) -> list[Any]:
+    """Solve the continuum with a test's outline, edges and extensions in dolfinx. Collective.
+
+    Parameters
+    ----------
+    result : TestResult
+    size : float, optional
+        Mesh size in metres.
+    bending : bool, optional
+        Of finite deformation: whether the membrane resists the bending of yarns; by default as
+        the network does.
+
+    Returns
+    -------
+    list
+        Of finite deformation a HyperelasticResult for each state; of small displacements, where
+        states are in proportion, a MembraneResult for the last one.
+
+    Raises
+    ------
+    InputError
+        On every rank, if there is no membrane of such a test.
+    """
+    experiment, network = result.experiment, result.network
+    if experiment.reference == "free":
+        raise InputError("there is no membrane with free ends to compare with: ends = 'grip'")
+    if not experiment.reference:
+        raise InputError(f"there is no continuum to compare a {experiment.kind} test with")
+    cloth = (network.comm, network.preform, network.fabric, size)
+    if not experiment.finite:
+        from .membrane import Membrane
+
+        return [Membrane(*cloth).solve_bias_extension(result.extension, experiment.upper)]
+    from .hyperelastic import HyperelasticMembrane
+
+    bending = experiment.bending if bending is None else bending
+    membrane = HyperelasticMembrane(*cloth, bending=bending)
+    extensions = [float(extension) for extension in result.extensions]
+    return membrane.solve_bias_extension(extensions, experiment.upper)
+
+
+def compare_with_membrane(
+    result: TestResult, membrane: MembraneFields | None = None, state: int = -1
+) -> Comparison:
+    """Compare a state of a test, by default the last, with the continuum. Collective.
+
+    Parameters
+    ----------
+    result : TestResult
+    membrane : MembraneResult or HyperelasticResult, optional
+        At that state; by default that of `solve_membranes` at the last.
+    state : int
+    """
+    membrane = membrane or solve_membranes(result)[-1]
+    fields, network = result.states[state].fields, result.network
+    carrying = fields["carrying"]
+    return compare_fields(
+        network.comm,
+        network.crossover_position[carrying],
+        fields["displacement"][carrying],
+        fields["shear_angle"][carrying],
+        result.states[state].load,
+        sum(energy[state] for energy in result.energies().values()),
+        membrane,
+    )
+
+
+@dataclass
+class Reference:
+    """A test beside its membranes, as plain data for files.
+
+    Attributes
+    ----------
+    result : TestResult
+    membranes : list
+        See solve_membranes.
+    differences : list of Comparison
+        One for each membrane.
+    """
+
+    result: TestResult
+    membranes: list[Any]
+    differences: list[Comparison]
+
+    @classmethod
+    def solve(
+        cls, result: TestResult, size: float | None = None, bending: bool | None = None
+    ) -> Reference:
+        """Solve the membranes and compare; see solve_membranes. Collective."""
+        membranes = solve_membranes(result, size, bending)
+        first = len(result.states) - len(membranes)
+        differences = [
+            compare_with_membrane(result, membrane, first + i)
+            for i, membrane in enumerate(membranes)
+        ]
+        return cls(result, membranes, differences)
+
+    def summary(self, without: TestResult | None = None) -> dict[str, Any]:
+        """Differences and the membrane's figures by name. Collective.
+
+        Lists where a finite test was asked for a list. `without` is the test without yarn
+        bending, to be compared with the last membrane, too.
+        """
+        experiment, last = self.result.experiment, self.membranes[-1]
+        rows = [
+            difference.as_dict() | {"load_n": membrane.load, "energy_j": membrane.energy}
+            for difference, membrane in zip(self.differences, self.membranes, strict=True)
+        ]
+        summary: dict[str, Any] = {"dofs": last.dofs, "cells": last.cells, "mesh_size_m": last.size}
+        if experiment.finite:
+            for row, membrane in zip(rows, self.membranes, strict=True):
+                row["newton_iterations"] = membrane.newton_iterations
+            summary |= {"second_gradient": last.membrane.bending, "stable": self.stable}
+        if without is not None:
+            summary["without_bending"] = compare_with_membrane(without, last).as_dict()
+        if experiment.finite and experiment.is_curve:
+            return {key: [row[key] for row in rows] for key in rows[0]} | summary
+        return rows[-1] | summary
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether all states of a finite test are stable; None if that is not known of each."""
+        stable = [membrane.stable for membrane in self.membranes]
+        return None if None in stable else all(stable)
+
+    def table(self) -> dict[str, Any]:
+        """Columns over the states of a finite test; none of small displacements."""
+        if not self.result.experiment.finite:
+            return {}
+        return {
+            "extension_mm": 1e3 * self.result.extensions,
+            "load_network_N": self.result.loads,
+            "load_membrane_N": [membrane.load for membrane in self.membranes],
+            "load_ratio": [row.load_ratio for row in self.differences],
+            "mean_abs_shear_difference_deg": [row.mean_abs_shear_deg for row in self.differences],
+        }
+
+    def rung(self, finer: Experiment) -> dict[str, Any]:
+        """Solve a finer network and compare its last state with the last membrane. Collective."""
+        difference = compare_with_membrane(finer.solve(), self.membranes[-1])
+        return {"crossovers": finer.network.num_crossovers_global} | difference.as_dict()
 
 
 def compare_fields(
@@ -88,7 +239,7 @@ def compare_fields(
     field = membrane_result.evaluate(points)
     u, gamma = field["displacement"], field["shear_angle"]
     has_shear = np.isfinite(gamma_net) & ~_is_near(
-        points, membrane.singular_points, SINGULAR_RADIUS * outline_width(membrane.preform.outline)
+        points, membrane.singular_points, SINGULAR_RADIUS * membrane.width
     )
     off = (np.asarray(gamma_net) - gamma)[has_shear]
     local = [

@@ -90,6 +90,7 @@ class MembraneDomain:
             raise InputError("the membrane needs a weft at right angles to the warp")
         self.comm, self.preform, self.fabric = comm, preform, fabric
         outline, ends_between = split_outline(preform)
+        self.width = outline_width(outline)
         self.size = default_size(outline, fabric, degree) if size is None else float(size)
         self.singular_points = np.concatenate([singular_points(preform), ends_between])
         levels = _refine_levels(outline, self.size)

@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..quantities import si_text
 from ..small.network import LinearNetwork
 from ..small.separate import solve_separately
-from ..units import format_si
 from .experiment import PULL, Experiment, Grip
 from .net_kinematics import net_reach
 from .result import State, TestResult
@@ -40,6 +40,8 @@ class BiasExtension(Experiment):
 
     kind = "bias-extension"
     has_zones = True
+    cut_across = True
+    reference = "gripped"
 
     def __init__(
         self,
@@ -62,6 +64,7 @@ class BiasExtension(Experiment):
         if model == "separate" and self.finite:
             raise InputError("the paper's separate systems are for small displacements only")
         self.upper, self.model = upper, model
+        self.clamps = ("lower", "upper") if upper == "grip" else ("lower",)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge; clamp or guide the upper one. Collective."""
@@ -90,10 +93,9 @@ class BiasExtension(Experiment):
         told = super().check()
         gauge = self.net_gauge()
         if gauge is not None:
-            reach = format_si(float(f"{net_reach(gauge):.4g}"), "m")
             told.append(
-                f"yarns that do not stretch lie along the pull at an extension of {reach}: beyond, "
-                "they carry the load"
+                "yarns that do not stretch lie along the pull at an extension of "
+                f"{si_text(net_reach(gauge), 'm')}: beyond, they carry the load"
             )
         return told
 
@@ -105,26 +107,6 @@ class BiasExtension(Experiment):
             return None
         width, length = sides
         return length - width if length >= 2.0 * width * (1 - 1e-9) else None
-
-    def membrane(self, result: TestResult, size: float | None = None) -> Any:
-        """The membrane under the last extension (dolfinx). Collective."""
-        if self.finite:
-            return self.finite_membranes(result, size)[-1]
-        from ..continuum.membrane import Membrane
-
-        reference = Membrane(self.network.comm, self.network.preform, self.network.fabric, size)
-        return reference.solve_bias_extension(result.extension, self.upper)
-
-    def finite_membranes(self, result: TestResult, size: float | None = None) -> list:
-        """The hyperelastic membrane at every state of a finite test (dolfinx). Collective."""
-        from ..continuum.hyperelastic import HyperelasticMembrane
-
-        network = self.network
-        reference = HyperelasticMembrane(
-            network.comm, network.preform, network.fabric, size, bending=self.bending
-        )
-        extensions = [float(value) for value in result.extensions]
-        return reference.solve_bias_extension(extensions, self.upper)
 
     def _solve_separately(self) -> TestResult:
         network = self.network

@@ -3,15 +3,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
-from .experiment import Experiment, Grip
+from ..quantities import declare
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
+
+declare("strain_weft_percent", "weft strain")
+declare("force_warp_N", "warp force")
+declare("force_weft_N", "weft force")
 
 
 class Biaxial(Experiment):
@@ -31,7 +36,12 @@ class Biaxial(Experiment):
     kind = "biaxial"
     control = "strain"
     unit = "1"
-    column = ("strain_warp_percent", 0.01)
+    column = declare("strain_warp_percent", "warp strain")
+    clamps = ("lower", "upper", "left", "right")
+    forces = ("force_warp_N", "force_weft_N")  # the load does the work of both
+    load_name = "work-conjugate load"
+    captions: ClassVar = {"tension_against_strain.png": "Tension of the cloth against its strain."}
+    colour = "tension"
 
     def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):
         super().__init__(network, strain, **options)
@@ -79,7 +89,24 @@ class Biaxial(Experiment):
             "tension_weft_N_per_cm": along_weft / width[warp] / 100.0,
         }
 
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """Along the warp."""
+        preform = self.network.preform
+        sides = np.ptp(np.reshape(preform.outline.bounds, (2, 2)), axis=0)
+        return result.controls * float(abs(preform.rotation[0]) @ sides)
+
     def load_of(self, work: float, control: float) -> float:
         """Force that does the work of both directions on the warp's own extension, N."""
         length = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
         return work / float(length[self._warp_axis])
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """Tension of both families."""
+        strain = columns["strain_warp_percent"]
+        lines = {
+            "warp": (strain, columns["tension_warp_N_per_cm"]),
+            f"weft, strain {self.ratio:.3g} of the warp's": (
+                strain, columns["tension_weft_N_per_cm"],
+            ),
+        }  # fmt: skip
+        return "tension_against_strain", (self.column.axis, "tension (N/cm)"), lines

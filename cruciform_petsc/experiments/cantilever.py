@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
-from .experiment import Experiment, Grip
+from ..quantities import LOAD, declare, quantity
+from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
+
+declare("tip_across_mm", "deflection across", "deflection of the loaded edge", is_displacement=True)
+declare("tip_along_mm", "deflection along")
 
 
 class Cantilever(Experiment):
@@ -29,7 +33,12 @@ class Cantilever(Experiment):
     kind = "cantilever"
     control = "load"
     unit = "N"
-    column = ("load_N", 1.0)
+    column = LOAD
+    clamps = ("lower",)
+    movement = "tip deflection"
+    captions: ClassVar = {
+        "load_against_deflection.png": "Load against the deflection of the loaded edge."
+    }
 
     def __init__(self, network: Network, load: Any, **options: Any):
         super().__init__(network, load, **options)
@@ -64,7 +73,20 @@ class Cantilever(Experiment):
         sums = np.array([state.node_displacement[nodes].sum(axis=0) for state in result.states])
         return comm.allreduce(sums) / count
 
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """Across the strip."""
+        return 1e-3 * result.curve()["tip_across_mm"]
+
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Where the loaded edge has gone."""
         tip = 1e3 * self.tip(result)
         return {"tip_across_mm": tip[:, 0], "tip_along_mm": tip[:, 1]}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
+        """The load against where its edge has gone."""
+        lines = {
+            "across": (columns["tip_across_mm"], columns["load_N"]),
+            "along, towards the clamp": (-columns["tip_along_mm"], columns["load_N"]),
+        }
+        labels = quantity("tip_across_mm").axis, LOAD.axis
+        return "load_against_deflection", labels, lines

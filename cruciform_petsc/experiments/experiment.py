@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,12 +22,16 @@ from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
+from ..quantities import EXTENSION, Quantity
 from ..small.multigrid import yarn_multigrid
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si, to_si
 from .finite import Keeper, solve_finite
 from .result import State, TestResult
+
+# A picture's name, the labels of its axes (LOAD.axis for newtons), and its lines by label.
+DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
 
 PULL = np.array([0.0, 1.0])
 # Bytes per crossover while a system is solved. Measured with CG at small displacements: 6400 and,
@@ -82,10 +86,24 @@ class Experiment:
     kind = ""
     control = "extension"
     unit = "m"
-    # What the curve's column of the control is called, and SI units in one of its.
-    column = ("extension_mm", 1e-3)
+    # The curve's column of the control; further columns are declared in each kind's file.
+    column: Quantity = EXTENSION
+    # What is told of a state beside shear: columns of the curve that are forces, what the load is
+    # called in the curve, and what the loaded end's movement is called.
+    forces: tuple[str, ...] = ("load_N",)
+    load_name, movement = "load", "extension"
+    # What the yarns' picture is coloured by; whether the outline cuts across the yarns.
+    colour, cut_across = "shear angle", False
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
     has_zones = False
+    # How the continuum beside it is held (continuum.compare): "gripped", pulled at the upper edge
+    # like a bias test; "free", of which there is none; "" where nothing compares.
+    reference = ""
+    upper = "grip"
+    # What stands below the pictures that only this kind has.
+    captions: ClassVar[dict[str, str]] = {}
+    # Edges that are drawn as bars.
+    clamps: tuple[str, ...] = ("lower", "upper")
 
     def __init__(
         self,
@@ -151,9 +169,17 @@ class Experiment:
         """Further columns of the curve. Collective."""
         return {}
 
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """How far the loaded end has moved along the load in each state, m; (n,). Collective."""
+        return result.controls
+
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Further figures for the summary. Collective."""
         return {}
+
+    def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves | None:
+        """What is drawn of the curve's columns in place of the load against the control."""
+        return None
 
     def reference_control(self) -> float:
         """A control of a sensible size: for small displacements, and for first guesses."""

@@ -45,7 +45,8 @@ class OffAxisTension(BiasExtension):
             raise InputError(f"ends is '{ends}'; it can be 'grip' or 'free'")
         super().__init__(network, extension, load, **options)
         self.ends = ends
-        self.has_zones = ends == "grip"  # no clamp, no zones
+        if ends == "free":  # no clamp, no zones
+            self.has_zones, self.reference, self.clamps = False, "free", ()
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""
@@ -70,20 +71,6 @@ class OffAxisTension(BiasExtension):
     def net_gauge(self) -> float | None:
         """See BiasExtension.net_gauge; free ends have none."""
         return None if self.ends == "free" else super().net_gauge()
-
-    def membrane(self, result: TestResult, size: float | None = None) -> Any:
-        """The membrane under the last extension (dolfinx); for gripped ends. Collective."""
-        self._refuse_free_ends()
-        return super().membrane(result, size)
-
-    def finite_membranes(self, result: TestResult, size: float | None = None) -> list:
-        """The hyperelastic membrane at every state; for gripped ends. Collective."""
-        self._refuse_free_ends()
-        return super().finite_membranes(result, size)
-
-    def _refuse_free_ends(self) -> None:
-        if self.ends == "free":
-            raise InputError("there is no membrane with free ends to compare with: ends = 'grip'")
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Mean strain and stress over the strip: its curve apart from its size."""

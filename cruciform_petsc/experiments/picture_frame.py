@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..quantities import declare
 from .experiment import Experiment, Grip
 from .result import TestResult
 
 SMALL = 1e-5  # rad
 EDGES = ("lower", "upper", "left", "right")
+declare("crosshead_mm", "crosshead", "displacement of the crosshead", is_displacement=True)
 
 
 class PictureFrame(Experiment):
@@ -37,7 +39,12 @@ class PictureFrame(Experiment):
     kind = "picture-frame"
     control = "angle"
     unit = "rad"
-    column = ("angle_deg", np.pi / 180.0)
+    column = declare("angle_deg", "angle of the frame", "shear angle of the frame", "angle")
+    captions: ClassVar = {
+        "load_against_angle.png": "Load against the shear angle of the frame.",
+        "load_against_crosshead.png": "Load against the displacement of the crosshead.",
+    }
+    clamps = EDGES
 
     def __init__(self, network: Network, angle: Any, **options: Any):
         super().__init__(network, angle, **options)
@@ -86,6 +93,10 @@ class PictureFrame(Experiment):
         """Cross-head force: work per angle over diagonal per angle (2 L cos theta if square)."""
         a, b = self._sides
         return work * self.diagonal(control) / (a * b * np.cos(control))
+
+    def extensions(self, result: TestResult) -> np.ndarray:
+        """Of the cross-head."""
+        return 1e-3 * result.curve()["crosshead_mm"]
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Cross-head displacement, and the shear force per length of the usual evaluation."""

@@ -6,17 +6,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
 from ..net.lattice import SHORTEST_ARM
+from ..parallel import least, most
 from ..small.network import MODES
 
 if TYPE_CHECKING:
-    from ..continuum.compare import Comparison
     from ..equilibrium.stages import Increment
     from ..net.network import Network
     from ..net.supports import Supports
@@ -122,9 +120,10 @@ class TestResult:
     uncarried: dict[str, float] | None = None
 
     def __repr__(self) -> str:
-        name, size = self.experiment.column
+        column = self.experiment.column
         return (
-            f"TestResult({self.experiment.kind}, {name} {self.states[-1].control / size:.4g}, "
+            f"TestResult({self.experiment.kind}, {column.column} "
+            f"{self.states[-1].control / column.scale:.4g}, "
             f"{self.load:.4g} N, {self.network!r})"
         )
 
@@ -204,13 +203,12 @@ class TestResult:
     def shear_angles_centre(self) -> np.ndarray:
         """The same for each state. Collective."""
         low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
-        half = getattr(self.experiment, "upper", "grip") == "centre-line"
+        half = self.experiment.upper == "centre-line"
         middle = np.array([0.5 * (low_x + high_x), high_y if half else 0.5 * (low_y + high_y)])
         distance = np.hypot(*(self.network.crossover_position - middle).T)
         distance = np.where(self.supports.carrying, distance, np.inf)
         comm = self.network.comm
-        nearest = min(comm.allgather(float(distance.min(initial=np.inf))))
-        near = distance <= nearest + 1e-3 * self.network.pitch.min()
+        near = distance <= least(comm, distance) + 1e-3 * self.network.pitch.min()
         sums = [state.fields["shear_angle"][near].sum() for state in self.states]
         total = comm.allreduce(np.array([*sums, near.sum()], float))
         return total[:-1] / total[-1]
@@ -225,10 +223,8 @@ class TestResult:
         """
         network = self.network
         rotation, origin = network.preform.rotation, network.preform.lattice_origin
-        clamped = [
-            network.preform.edge(edge) for edge in ("lower", "upper")
-            if edge in network.preform.edges and self._is_clamped(edge)
-        ]  # fmt: skip
+        edges = [edge for edge in self.experiment.clamps if edge in network.preform.edges]
+        clamped = [network.preform.edge(edge) for edge in edges]
         held = np.zeros(network.num_crossovers_owned, np.int8)
         for family, yarns in enumerate((network.warp_yarns, network.weft_yarns)):
             ends = np.zeros((len(yarns.line), 2, 2))
@@ -248,12 +244,6 @@ class TestResult:
             part = yarns.find(ij[:, 1 - family], ij[:, family])
             held += is_held[part] & (part >= 0)
         return np.where(self.supports.carrying, held, -1).astype(np.int8)
-
-    def _is_clamped(self, edge: str) -> bool:
-        if getattr(self.experiment, "ends", "grip") == "free":
-            return False
-        half = getattr(self.experiment, "upper", "grip") == "centre-line"
-        return not (half and edge == "upper")
 
     def zone_angles(self) -> dict[str, np.ndarray]:
         """Median shear angle of each zone for each state, radians; NaN where it is empty.
@@ -276,10 +266,9 @@ class TestResult:
 
     @cached_property
     def _curve(self) -> dict[str, np.ndarray]:
-        name, size = self.experiment.column
-        columns = {name: self.controls / size}
-        if name != "load_N":
-            columns["load_N"] = self.loads
+        control = self.experiment.column
+        columns = {control.column: self.controls / control.scale}
+        columns.setdefault("load_N", self.loads)
         columns["shear_centre_deg"] = np.rad2deg(self.shear_angles_centre)
         columns["shear_max_deg"] = np.rad2deg(self.shear_angles_max)
         if self.experiment.has_zones:
@@ -306,80 +295,13 @@ class TestResult:
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
 
-    # -- the continuum ----------------------------------------------------------------------------
-
-    def membrane(self, size: float | None = None) -> Any:
-        """The continuum with the same outline, edges and last value (dolfinx). Collective."""
-        membrane = getattr(self.experiment, "membrane", None)
-        if membrane is None:
-            raise InputError(f"there is no continuum to compare a {self.experiment.kind} test with")
-        return membrane(self, size)
-
-    def compare_with_membrane(self, membrane: Any = None) -> Comparison:
-        """Differences to the continuum at the crossovers, last value. Collective."""
-        from ..continuum.compare import compare_fields
-
-        membrane = membrane or self.membrane()
-        carrying = self.fields["carrying"]
-        energy = sum(value[-1] for value in self.energies().values())
-        return compare_fields(
-            self.network.comm,
-            self.network.crossover_position[carrying],
-            self.fields["displacement"][carrying],
-            self.fields["shear_angle"][carrying],
-            self.load,
-            energy,
-            membrane,
-        )
-
-    # -- files ------------------------------------------------------------------------------------
-
-    def plot(self, path: str) -> None:
-        """Draw the yarns before and after, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import draw_yarns
-
-        draw_yarns(path, self)
-
-    def scene(self, path: str | Path) -> None:
-        """Draw the woven yarns in space, coloured by shear angle, as a PNG. Collective."""
-        from ..output.figures import draw_scene
-
-        draw_scene(path, self)
-
-    def export(
-        self, folder: str | Path, index: int = -1, hold: str = "fibre volume fraction"
-    ) -> list[Path]:
-        """Write yarn directions, thickness and fibre volume fraction for other programs.
-
-        Collective. See output.exports.export_state and docs/exports.md.
-        """
-        from ..output.exports import export_state
-
-        return export_state(folder, self, index, hold)
-
-    def write(self, path: str) -> None:
-        """Write a file that ParaView opens: deformed yarns with their fields. Collective.
-
-        Several states become a series over time, which is the control in the curve's units. The
-        file's attributes say where it comes from (provenance.file_notes).
-        """
-        from ..output.paraview import write_network, write_series
-        from ..output.provenance import file_notes
-
-        notes = file_notes(self)
-        if len(self.states) > 1:
-            write_series(path, self.network, self.states, self.experiment.column, notes)
-        else:
-            write_network(path, self.network, self.node_displacement, self.fields, notes)
-
 
 def _median(comm, values: np.ndarray) -> float:
     """Median of all ranks' values to 1e-12 of their range, found by halving it. Collective."""
     count = comm.allreduce(len(values))
     if not count:
         return float("nan")
-    low = min(comm.allgather(float(values.min(initial=np.inf))))
-    high = max(comm.allgather(float(values.max(initial=-np.inf))))
+    low, high = least(comm, values), most(comm, values)
     for _ in range(40):
         middle = 0.5 * (low + high)
         if 2 * comm.allreduce(int((values <= middle).sum())) >= count:

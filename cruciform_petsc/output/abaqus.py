@@ -64,14 +64,14 @@ def input_file(
 ) -> Iterator[tuple[str, bytes]]:
     """Pieces of the file: lines that are the same on every rank, then this rank's. Collective."""
     fabric, comm = result.network.fabric, result.network.comm
-    name, size = result.experiment.column
+    column = result.experiment.column
     node, element = shells.node + 1, shells.element + 1
     # A title is anything that people write; it must stay one line, of letters that Abaqus knows.
     title = shorten(fabric.name, 100).encode("ascii", "replace").decode()
     yield (
         "*HEADING\n"
         f"cruciform_petsc {__version__}, commit {commit() or 'unknown'}, {result.experiment.kind}\n"
-        f"** {title}, {name} = {result.states[index].control / size:.9g}\n"
+        f"** {title}, {column.column} = {result.states[index].control / column.scale:.9g}\n"
         "** Units: mm, N, MPa. Nodes are crossovers; the node's number is the crossover's plus 1.\n"
         "*NODE, NSET=CROSSOVERS\n",
         lines("%d, %.9g, %.9g, 0.", node, shells.position_mm),

@@ -29,9 +29,9 @@ HELD = ("fibre volume fraction", "thickness")
 _MM = 1e3
 
 
-def export_state(
-    folder: str | Path,
+def export(
     result: TestResult,
+    folder: str | Path,
     index: int = -1,
     hold: str = "fibre volume fraction",
 ) -> list[Path]:
@@ -39,9 +39,9 @@ def export_state(
 
     Parameters
     ----------
+    result : TestResult
     folder : str or Path
         Made if need be.
-    result : TestResult
     index : int
         Which of the result's states.
     hold : str
@@ -156,7 +156,7 @@ def crossover_columns(
 def write_crossovers(
     path: str | Path, result: TestResult, index: int = -1, hold: str = "fibre volume fraction"
 ) -> None:
-    """Write the table of crossovers, ordered by their numbers; see `export_state`. Collective.
+    """Write the table of crossovers, ordered by their numbers; see `export`. Collective.
 
     Ten digits of each value; an empty field where the fabric's data do not give one.
     """
@@ -177,7 +177,7 @@ def write_crossovers(
 def write_preform(
     path: str | Path, result: TestResult, index: int = -1, hold: str = "fibre volume fraction"
 ) -> None:
-    """Write the cloth as shells for Abaqus; see `export_state` and docs/exports.md. Collective."""
+    """Write the cloth as shells for Abaqus; see `export` and docs/exports.md. Collective."""
     network, fabric = result.network, result.network.fabric
     comm, total = network.comm, network.num_crossovers_global
     columns = crossover_columns(result, index, hold)

@@ -1,46 +1,34 @@
 # SPDX-License-Identifier: MIT
-"""Which pictures a run makes, from its result and its kind of test; pictures.py draws them."""
+"""Which pictures a run makes of its result; pictures.py draws them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..experiments.net_kinematics import net_angle
+from ..parallel import least, most
+from ..quantities import EXTENSION, LOAD, force_unit, quantity
 from ..small.network import MODES
-from . import pictures, scene
-from .pictures import ROUNDING_DEG
-from .sample import YarnSample, sample_map, sample_yarns
+from . import pictures
+from .sample import sample_map, sample_yarns
+from .scene import woven
+from .summary import ROUNDING_N
 
 if TYPE_CHECKING:
-    from ..calibration.curve import MeasuredCurve
-    from ..experiments.experiment import Experiment
-    from ..experiments.result import State, TestResult
-    from ..net.network import Network
+    from matplotlib.figure import Figure
 
-# What a unit in a column's name looks like in a log.
-UNITS = {"mm": "mm", "deg": "deg", "percent": "%", "N": "N", "mN": "mN"}
-EDGES = {
-    "biaxial": ("lower", "upper", "left", "right"),
-    "picture-frame": ("lower", "upper", "left", "right"),
-    "cantilever": ("lower",),
-}
-ROUNDING_N = 1e-9  # tensions of yarns below are none
-SMALL_LOAD = 0.1  # N; loads below are told in mN
+    from ..calibration.curve import MeasuredCurve
+    from ..experiments.result import State, TestResult
+
+ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
 STAGES = 4  # states side by side
 
-
-def control_text(experiment: Experiment, control: float) -> str:
-    """Write a control for people: "extension 10 mm"."""
-    name, size = experiment.column
-    what, _, unit = name.rpartition("_")
-    if unit == "N" and abs(control) < SMALL_LOAD:
-        size, unit = 1e-3, "mN"
-    what = "warp strain" if what == "strain_warp" else what
-    return f"{what} {control / size:.4g} {UNITS[unit]}"
+Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
 
 
 def draw_all(
@@ -51,349 +39,335 @@ def draw_all(
     summary: dict[str, Any],
     measured: MeasuredCurve | None = None,
 ) -> list[str]:
-    """Draw every picture of a run into a folder; returns their names. Collective.
+    """Write every picture of a run into a folder; returns their names. Collective.
+
+    See `figures`; title and ladder are those of the summary, which learns of uniform maps.
+    """
+    title = pictures.plain_text(summary["title"])
+    ladder = summary.get("continuum", {}).get("ladder")
+    drawn, uniform = figures(result, title, without, membranes, ladder, measured)
+    for name, draw in drawn.items():
+        pictures.save(result.network.comm, directory / name, draw)
+    summary.setdefault("uniform_maps", {}).update(uniform)
+    return list(drawn)
+
+
+def plot(result: TestResult, path: str | Path, title: str = "") -> None:
+    """Draw the yarns before and after as a PNG, coloured by shear angle. Collective.
+
+    By the yarns' tension where the cloth does not shear. The title is taken literally.
+    """
+    pictures.save(result.network.comm, path, _yarns(result, pictures.plain_text(title)))
+
+
+def scene(result: TestResult, path: str | Path, title: str = "") -> None:
+    """Draw the woven yarns in space as a PNG, coloured by shear angle. Collective.
+
+    The title is taken literally.
+
+    Raises
+    ------
+    InputError
+        On every rank: nothing here can draw in space, or the place cannot be written to.
+    """
+    network, text = result.network, pictures.plain_text(title)
+    _, sample, clamps = _panel("", result, result.states[-1])
+    pictures.save(network.comm, path, woven, sample, network.fabric.thickness, text, clamps)
+
+
+def figures(
+    result: TestResult,
+    title: str = "",
+    without: TestResult | None = None,
+    membranes: Sequence[Any] = (),
+    ladder: Sequence[dict[str, Any]] | None = None,
+    measured: MeasuredCurve | None = None,
+) -> tuple[Drawn, dict[str, str]]:
+    """Gather what every picture of a run shows. Collective.
 
     Parameters
     ----------
-    directory : Path
     result : TestResult
+    title : str
     without : TestResult, optional
         The same without yarn bending.
     membranes : sequence of MembraneResult or HyperelasticResult
         For each state, or (small displacements) for the last one; may be empty.
-    summary : dict
-        The run's summary; its ladder is drawn if it has one.
+    ladder : sequence of dict, optional
+        Differences to the membrane for finer and finer networks.
     measured : MeasuredCurve, optional
         To be drawn over the load curve.
 
     Returns
     -------
-    list of str
-        Names of the files, in an order to read them in.
+    drawn : dict of callables
+        What draws each picture, by the name of its file, in an order to read them in. To be called
+        on rank 0 only.
+    uniform : dict of str
+        By the same names: a sentence in place of a map that is the same all over.
     """
-    comm, title = result.network.comm, plain_text(summary["title"])
-    experiment = result.experiment
-    membrane = membranes[-1] if len(membranes) else None
-    drawn: list[str] = []
-
-    def file(name: str) -> Path:
-        drawn.append(name)
-        return directory / name
-
-    sample = draw_yarns(file("yarns.png"), result, title)
-    # A biaxial test is uniform: there is nothing to see but its curve.
-    if len(result.states) > 1 and experiment.finite and experiment.kind != "biaxial":
-        draw_stages(file("stages.png"), result, title)
-    _draw_loads(file, result, membranes, title, measured)
+    experiment, angle = result.experiment, None
+    if membranes:
+        places = result.network.crossover_position
+        angle = membranes[-1].evaluate(places)["shear_angle"]
+    drawn: Drawn = {"yarns.png": _yarns(result, title)}
+    # Of a cloth that does not shear there is nothing to see but its curve.
+    if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
+        drawn["stages.png"] = _stages(result, title)
+    drawn |= _loads(result, membranes, title, measured)
     if experiment.finite:
-        _draw_energies(file("energy.png"), result, title)
+        drawn["energy.png"] = _energies(result, title)
+    if experiment.has_zones and experiment.finite:
+        drawn["zones.png"] = _zones(result, title)
+    elif experiment.has_zones:
+        drawn["shear_against_load.png"] = _shear_against_load(result, title)
     if experiment.has_zones:
-        curve = result.curve()
-        if experiment.finite:
-            _draw_zones(file("zones.png"), result, curve, title)
-        else:
-            pictures.shear_against_load(
-                comm,
-                file("shear_against_load.png"),
-                curve["load_N"] / _load_unit(result.loads)[1],
-                curve["shear_centre_deg"],
-                curve["shear_max_deg"],
-                xlabel=f"load ({_load_unit(result.loads)[0]})",
-                title=title,
-            )
-        _draw_centre_line(file("centre_line.png"), result, without, membrane, title)
-    shear, tensions = _shear_values(result, membrane), _tension_values(result)
-    uniform = summary.setdefault("uniform_maps", {})
-    told = _uniform(comm, "Shear angle", shear, ROUNDING_DEG, "\N{DEGREE SIGN}")
-    if told is None:
-        sample_ = sample_map(result.network, shear)
-        pictures.shear_maps(comm, file("shear_map.png"), sample_, tuple(shear), title)
-    else:
-        uniform["shear_map.png"] = told
-    told = _uniform(comm, "Tension", tensions, ROUNDING_N, " N per yarn")
-    if told is None:
-        sample_ = sample_map(result.network, tensions)
-        pictures.tension_maps(comm, file("tension_map.png"), sample_, title)
-    else:
-        uniform["tension_map.png"] = told
+        drawn["centre_line.png"] = _centre_line(result, without, angle, title)
+    maps, uniform = _maps(result, angle, title)
+    drawn |= maps
     if without is not None:
-        pictures.with_and_without_bending(
-            comm,
-            file("with_and_without_bending.png"),
-            _yarns(without),
-            sample,
-            clamps=_clamps(result, result.states[-1]),
-        )
-    ladder = summary.get("continuum", {}).get("ladder")
+        panels = [
+            _panel("no yarn bending", without, without.states[-1]),
+            _panel("with yarn bending", result, result.states[-1]),
+        ]
+        drawn["with_and_without_bending.png"] = partial(pictures.yarns, panels)
     if ladder:
-        pictures.convergence(
-            comm,
-            file("ladder.png"),
-            [rung["crossovers"] for rung in ladder],
-            {
-                "displacement at the crossovers": [r["relative_l2_displacement"] for r in ladder],
-                "load": [abs(rung["load_ratio"] - 1.0) for rung in ladder],
-            },
-            ylabel="relative difference to the membrane",
-            title=title,
-        )
-    return drawn
+        drawn["ladder.png"] = _ladder(ladder, title)
+    return drawn, uniform
 
 
-def plain_text(text: str) -> str:
-    """A text that matplotlib writes as it is: a dollar does not begin a formula."""
-    return text.replace("$", r"\$")
+# -- the specimen -------------------------------------------------------------------------------
 
 
-def draw_yarns(path: str | Path, result: TestResult, title: str = "") -> YarnSample | None:
-    """Draw the yarns before and after; returns what was drawn (rank 0). Collective.
+def _panel(title: str, result: TestResult, state: State, values=None) -> tuple[str, Any, list]:
+    """A state's title, its yarns (on rank 0) and its clamps. Collective."""
+    network = result.network
+    sample = sample_yarns(network, state.node_displacement, state.fields, values=values)
+    return title, sample, _clamps(result, state)
 
-    Coloured by shear angle, of which a biaxial test has none: by the yarns' tension there.
-    """
-    comm, clamps = result.network.comm, _clamps(result, result.states[-1])
+
+def _yarns(result: TestResult, title: str) -> partial[Figure]:
     values, label = None, pictures.ANGLE_LABEL
-    if result.experiment.kind == "biaxial":
-        values, label = tuple(_tension_values(result).values()), "tension (N per yarn)"
-    sample = _yarns(result, values)
-    pictures.yarns_before_and_after(comm, path, sample, title, clamps=clamps, label=label)
-    return sample
+    if result.experiment.colour == "tension":
+        values, label = list(_tensions(result).values()), "tension (N per yarn)"
+    panel = _panel("", result, result.states[-1], values)
+    return partial(pictures.yarns, [panel], title, label=label)
 
 
-def draw_stages(path: str | Path, result: TestResult, title: str = "") -> None:
-    """Draw up to four states side by side, in true scale and with one colour scale. Collective."""
+def _stages(result: TestResult, title: str) -> partial[Figure]:
+    """Up to four states side by side."""
     count = min(STAGES, len(result.states))
     chosen = np.unique(np.linspace(0, len(result.states) - 1, count).round().astype(int))
     panels = []
     for state in (result.states[i] for i in chosen):
-        name = control_text(result.experiment, state.control).replace(" deg", "°")
+        name = result.experiment.column.text(state.control).replace(" deg", "°")
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
-        sample = sample_yarns(result.network, state.node_displacement, state.fields)
-        panels.append((name + load, sample, _clamps(result, state)))
-    pictures.stages(result.network.comm, path, panels, title)
+        panels.append(_panel(name + load, result, state))
+    return partial(pictures.yarns, panels, title, before=False)
 
 
-def draw_scene(path: str | Path, result: TestResult, title: str = "") -> None:
-    """Draw the yarns of the last state in space, woven. Collective."""
-    network = result.network
-    scene.woven(
-        network.comm,
-        path,
-        _yarns(result),
-        to_lattice(network),
-        network.fabric.thickness,
-        title,
-        clamps=_clamps(result, result.states[-1]),
-    )
-
-
-def to_lattice(network: Network) -> np.ndarray:
-    """Return what takes a point at rest, (x, y, 1) in metres, to its place (i, j); (2, 3)."""
-    turned = network.preform.rotation / network.pitch[:, None]
-    return np.column_stack([turned, -turned @ network.preform.lattice_origin])
-
-
-def _yarns(result: TestResult, values: Sequence[np.ndarray] | None = None) -> YarnSample | None:
-    return sample_yarns(result.network, result.node_displacement, result.fields, values=values)
-
-
-def _clamps(result: TestResult, state: State) -> list:
+def _clamps(result: TestResult, state: State) -> list[pictures.Clamp]:
     """Gripped edges, each with how far its corners have moved in a state."""
-    experiment, preform = result.experiment, result.network.preform
-    edges = EDGES.get(experiment.kind, ("lower", "upper"))
-    if getattr(experiment, "upper", "grip") == "centre-line":
-        edges = ("lower",)
-    if getattr(experiment, "ends", "grip") == "free":
-        edges = ()
-    clamps = []
-    for edge in edges:
-        segments = preform.edge(edge)
-        if experiment.finite:
-            gradient, shift = experiment.motion(edge, state.control)
-            moved = segments @ gradient.T + shift - segments
-        else:  # the tangent at rest
-            ahead, behind = (experiment.motion(edge, sign * 1e-6) for sign in (1.0, -1.0))
-            gradient, shift = (
-                0.5e6 * state.control * (a - b) for a, b in zip(ahead, behind, strict=True)
-            )
-            moved = segments @ gradient.T + shift
-        clamps.append((segments, moved))
+    experiment, control = result.experiment, state.control
+    clamps: list[pictures.Clamp] = []
+    for edge in experiment.clamps:
+        segments = result.network.preform.edge(edge)
+        # Small displacements go along the tangent at rest.
+        step, factor = (control, 1.0) if experiment.finite else (1e-6, 1e6 * control)
+        gradient, shift = experiment.motion(edge, step)
+        clamps.append((segments, factor * (segments @ gradient.T + shift - segments)))
     return clamps
 
 
+# -- curves -------------------------------------------------------------------------------------
+
+
 def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Control (in the axis' unit), load (N) and energies (J; (n, 3)) all along the test."""
-    size = result.experiment.column[1]
-    if result.experiment.control == "load":
-        size = _load_unit(result.loads)[1]
+    """Control, load (N) and energies (J; (n, 3)) all along the test."""
     if result.experiment.finite and result.increments:
-        control = [increment.control for increment in result.increments]
-        load = [increment.load for increment in result.increments]
-        energies = [increment.energies for increment in result.increments]
-        return np.array(control) / size, np.array(load), np.array(energies)
-    energies_ = np.column_stack([result.energies()[mode] for mode in MODES])
-    return result.controls / size, result.loads, energies_
+        path = [(step.control, step.load, step.energies) for step in result.increments]
+        control, load, energies = (np.array(column) for column in zip(*path, strict=True))
+        return control, load, energies
+    return result.controls, result.loads, np.column_stack([result.energies()[m] for m in MODES])
 
 
-def _axis_label(result: TestResult) -> str:
-    name = result.experiment.column[0]
-    unit, _ = _load_unit(result.loads)
-    labels = {
-        "extension_mm": "extension (mm)",
-        "angle_deg": "shear angle of the frame (°)",
-        "strain_warp_percent": "warp strain (%)",
-        "load_N": f"load ({unit})",
-    }
-    return labels[name]
+def _axis(result: TestResult) -> tuple[str, float]:
+    """Label of the control's axis, and SI units in one of its."""
+    column = result.experiment.column
+    unit, newton = force_unit(result.loads)
+    return (f"load ({unit})", newton) if column is LOAD else (column.axis, column.scale)
 
 
-def _load_unit(loads: np.ndarray) -> tuple[str, float]:
-    """Unit that loads are drawn in, and its size in N."""
-    return ("N", 1.0) if np.abs(loads).max(initial=0.0) >= SMALL_LOAD else ("mN", 1e-3)
-
-
-def _draw_loads(file, result: TestResult, membranes, title: str, measured) -> None:
+def _loads(
+    result: TestResult, membranes: Sequence[Any], title: str, measured: MeasuredCurve | None
+) -> Drawn:
     """The load, or what stands for it, against the control."""
-    comm, experiment = result.network.comm, result.experiment
+    experiment, curve = result.experiment, result.curve()
     control, load, _ = _path(result)
-    unit, newton = _load_unit(load)
-    asked = result.controls / experiment.column[1]
-    if experiment.kind == "biaxial":
-        curve = result.curve()
-        curves = {
-            f"{name}, strain {ratio:.3g} of the warp's" if name == "weft" else name: (
-                asked, curve[f"tension_{name}_N_per_cm"]
-            )
-            for name, ratio in (("warp", 1.0), ("weft", experiment.ratio))  # type: ignore[attr-defined]
-        }  # fmt: skip
-        pictures.curves(
-            comm, file("tension_against_strain.png"), curves,
-            ("warp strain (%)", "tension (N/cm)"), title,
-        )  # fmt: skip
-    elif experiment.kind == "cantilever":
-        curve = result.curve()
-        curves = {
-            "across": (curve["tip_across_mm"], curve["load_N"] / newton),
-            "along, towards the clamp": (-curve["tip_along_mm"], curve["load_N"] / newton),
-        }
-        if measured is not None:
-            curves["measured, across"] = (1e3 * measured.displacement, measured.force / newton)
-        pictures.curves(
-            comm, file("load_against_deflection.png"), curves,
-            ("deflection of the loaded edge (mm)", f"load ({unit})"), title,
-        )  # fmt: skip
-    else:
-        others = {}
-        if len(membranes) == len(asked):
-            others["membrane"] = (asked, np.array([m.load for m in membranes]) / newton)
-        if measured is not None and experiment.unit == "m":
-            others["measured"] = (1e3 * measured.displacement, measured.force / newton)
-        name = experiment.column[0].partition("_")[0]
-        marks = None if len(control) == len(asked) else (asked, result.loads / newton)
-        pictures.load_against_extension(
-            comm, file(f"load_against_{name}.png"), control, load / newton,
-            points=others, marks=marks, xlabel=_axis_label(result), ylabel=f"load ({unit})",
-            title=title,
-        )  # fmt: skip
-        if measured is not None and experiment.unit != "m":
-            curve = result.curve()
-            pictures.load_against_extension(
-                comm, file("load_against_crosshead.png"), curve["crosshead_mm"],
-                curve["load_N"] / newton,
-                points={"measured": (1e3 * measured.displacement, measured.force / newton)},
-                xlabel="displacement of the crosshead (mm)", ylabel=f"load ({unit})", title=title,
-            )  # fmt: skip
+    unit, newton = force_unit(load)
+    load_label = f"load ({unit})"
+    test = None
+    if measured is not None:
+        test = 1e3 * measured.displacement, measured.force / newton
+    own = experiment.drawn_curves(curve)
+    if own is not None:
+        name, (x_label, y_label), lines = own
+        if y_label == LOAD.axis:
+            y_label, lines = load_label, {key: (x, y / newton) for key, (x, y) in lines.items()}
+        if test is not None:
+            lines[f"measured, {next(iter(lines))}"] = test
+        lines = {key: pictures.from_origin(*line) for key, line in lines.items()}
+        return {f"{name}.png": partial(pictures.curves, lines, (x_label, y_label), title)}
+    x_label, size = _axis(result)
+    states = result.controls / size
+    points = {}
+    if len(membranes) == len(states):
+        points["membrane"] = states, np.array([m.load for m in membranes]) / newton
+    if test is not None and experiment.unit == "m":
+        points["measured"] = test
+    lines = {"network": pictures.from_origin(control / size, load / newton)}
+    marks = None if len(control) == len(states) else (states, result.loads / newton)
+    name = experiment.column.column.partition("_")[0]
+    draw = partial(pictures.curves, title=title)
+    drawn = {
+        f"load_against_{name}.png": partial(
+            draw, lines, (x_label, load_label), points=points, marks=marks
+        )
+    }
+    if test is not None and experiment.unit != "m":
+        labels = quantity("crosshead_mm").axis, load_label
+        lines = {"network": pictures.from_origin(curve["crosshead_mm"], curve["load_N"] / newton)}
+        points = {"measured": test}
+        drawn["load_against_crosshead.png"] = partial(draw, lines, labels, points=points)
+    return drawn
 
 
-def _draw_energies(path: Path, result: TestResult, title: str) -> None:
+def _energies(result: TestResult, title: str) -> partial[Figure]:
     control, _, energies = _path(result)
+    label, size = _axis(result)
     parts = {
-        "yarn bending" if mode == "bending" else mode: 1e3 * energies[:, i]
-        for i, mode in enumerate(MODES)
+        "yarn bending" if mode == "bending" else mode: 1e3 * energy
+        for mode, energy in zip(MODES, energies.T, strict=True)
         if mode != "bending" or result.experiment.bending
     }
-    pictures.stacked(
-        result.network.comm,
-        path,
-        control,
-        parts,
-        (_axis_label(result), "strain energy (mJ)"),
-        title,
-    )
+    return partial(pictures.stacked, control / size, parts, (label, "strain energy (mJ)"), title)
 
 
-def net_kinematics(result: TestResult, extension: np.ndarray) -> np.ndarray | None:
-    """Shear angle in the middle of an inextensible pin-jointed net, degrees; (n,).
-
-    NaN beyond its reach; None where a test has no such kinematics (Experiment.net_gauge).
-    """
-    gauge = result.experiment.net_gauge()
-    return None if gauge is None else np.rad2deg(net_angle(extension, gauge))
-
-
-def _draw_zones(path: Path, result: TestResult, curve, title: str) -> None:
+def _zones(result: TestResult, title: str) -> partial[Figure]:
+    """Shear angles of the zones, and of an inextensible net: half of its middle's in its sides."""
+    curve = result.curve()
     extension = curve["extension_mm"]
-    names = (("middle", "middle zone"), ("side", "side zones"), ("clamp", "at the clamps"))
-    zones = {
-        f"{label} (median)": (extension, curve[f"shear_{zone}_deg"])
-        for zone, label in names
+    lines = {
+        f"{label} (median)": pictures.from_origin(extension, curve[f"shear_{zone}_deg"])
+        for zone, label in ZONES.items()
         if np.isfinite(curve[f"shear_{zone}_deg"]).all()
     }
-    fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
-    net = net_kinematics(result, 1e-3 * fine)
-    thin = {}
-    if net is not None:
-        thin = {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
-    pictures.zones(result.network.comm, path, zones, thin, title)
+    guides, gauge = {}, result.experiment.net_gauge()
+    if gauge is not None:
+        fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
+        net = np.rad2deg(net_angle(1e-3 * fine, gauge))
+        guides = {"inextensible net": (fine, net), "": (fine, 0.5 * net)}
+    labels = EXTENSION.axis, pictures.ANGLE_LABEL
+    return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
-def _draw_centre_line(path, result, without, membrane, title) -> None:
-    curves = {}
+def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
+    """The paper's figure 8."""
+    curve, (unit, newton) = result.curve(), force_unit(result.loads)
+    names = {"at the centre point": "shear_centre_deg", "largest (absolute)": "shear_max_deg"}
+    lines = {
+        label: pictures.from_origin(curve["load_N"] / newton, curve[name])
+        for label, name in names.items()
+    }
+    return partial(pictures.curves, lines, (f"load ({unit})", pictures.ANGLE_LABEL), title)
+
+
+def _centre_line(
+    result: TestResult, without: TestResult | None, membrane: np.ndarray | None, title: str
+) -> partial[Figure]:
+    """Shear angle from the clamp along the centre line, without lines across a hole."""
     name = "network, with yarn bending" if result.experiment.bending else "network"
-    named = [(name, result, None), ("network, without yarn bending", without, None)]
+    found = {name: result.centre_line()}
+    if without is not None:
+        found["network, without yarn bending"] = without.centre_line()
     if membrane is not None:
-        angle = membrane.evaluate(result.network.crossover_position)["shear_angle"]
-        named.append(("membrane", result, angle))
-    for label, source, angle in named:
-        if source is not None:
-            line = source.centre_line(angle)
-            curves[label] = (1e3 * line.distance, np.rad2deg(line.shear_angle))
-    pictures.shear_along_centre_line(result.network.comm, path, curves, title=title)
+        found["membrane"] = result.centre_line(membrane)
+    lines = {
+        label: pictures.broken_at_gaps(1e3 * line.distance, np.rad2deg(line.shear_angle))
+        for label, line in found.items()
+    }
+    labels = "distance from the clamp (mm)", pictures.ANGLE_LABEL
+    return partial(pictures.curves, lines, labels, title)
 
 
-def _uniform(comm, what: str, values: dict[str, np.ndarray], least: float, unit: str) -> str | None:
-    """Tell the values of maps that are the same all over, None if one is not. Collective."""
+def _ladder(rungs: Sequence[dict[str, Any]], title: str) -> partial[Figure]:
+    differences = {
+        "displacement at the crossovers": [rung["relative_l2_displacement"] for rung in rungs],
+        "load": [abs(rung["load_ratio"] - 1.0) for rung in rungs],
+    }
+    crossovers = [rung["crossovers"] for rung in rungs]
+    label = "relative difference to the membrane"
+    return partial(pictures.convergence, crossovers, differences, label, title)
+
+
+# -- maps ---------------------------------------------------------------------------------------
+
+
+def _maps(
+    result: TestResult, membrane: np.ndarray | None, title: str
+) -> tuple[Drawn, dict[str, str]]:
+    """Maps of shear angle and tension, and sentences in place of those that are uniform."""
+    network, fields = result.network, result.fields
+    shear = {"network": np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)}
+    label, difference = pictures.ANGLE_LABEL, ""
+    if membrane is not None:
+        shear["membrane"], difference = np.rad2deg(membrane), "difference (°)"
+    tensions = _tensions(result)
+    largest = most(network.comm, np.abs(np.nan_to_num(list(tensions.values()))))
+    unit, newton = force_unit(largest)
+    draw_shear = partial(pictures.maps, label=label, title=title, difference=difference)
+    tension_label = f"tension ({unit} per yarn)"
+    draw_tension = partial(pictures.maps, label=tension_label, title=title, share=0.99)
+    drawn: Drawn = {}
+    uniform: dict[str, str] = {}
+    for name, what, values, unit, size, rounding, draw in (
+        ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, draw_shear),
+        ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, draw_tension),
+    ):
+        told = uniform_text(network.comm, what, values, rounding, unit)
+        if told is None:
+            sample = sample_map(network, {key: value / size for key, value in values.items()})
+            drawn[name] = partial(draw, sample)
+        else:
+            uniform[name] = told
+    return drawn, uniform
+
+
+def uniform_text(
+    comm, what: str, values: dict[str, np.ndarray], rounding: float, unit: str
+) -> str | None:
+    """Tell the values of maps that are the same all over, None if one is not. Collective.
+
+    To 1e-6 of their size, or to ``rounding``.
+    """
     told = []
     for name, value in values.items():
         good = value[np.isfinite(value)]
-        low = min(comm.allgather(float(good.min(initial=np.inf))))
-        high = max(comm.allgather(float(good.max(initial=-np.inf))))
-        if high - low > max(1e-6 * max(-low, high), least):
+        low, high = least(comm, good), most(comm, good)
+        if high - low > max(1e-6 * max(-low, high), rounding):
             return None
         middle = 0.5 * (low + high)
-        shown = f"{0.0 if abs(middle) < least else middle:.4g}{unit}"
+        shown = f"{0.0 if abs(middle) < rounding else middle:.4g}{unit}"
         told.append(shown if len(values) == 1 else f"{name} {shown}")
     return f"{what}: uniform, {', '.join(told)}."
 
 
-def _shear_values(result, membrane) -> dict[str, np.ndarray]:
-    """Shear angles at the crossovers, degrees, by what they are of. Collective."""
-    network = result.network
-    shear = np.where(result.fields["carrying"], np.rad2deg(result.fields["shear_angle"]), np.nan)
-    values = {"network": shear}
-    if membrane is not None:
-        angle = membrane.evaluate(network.crossover_position)["shear_angle"]
-        values["membrane"] = np.rad2deg(angle)
-    return values
-
-
-def _tension_values(result) -> dict[str, np.ndarray]:
-    """Tensions of the yarns at the crossovers, N, by family. Collective."""
-    network, fields = result.network, result.fields
+def _tensions(result: TestResult) -> dict[str, np.ndarray]:
+    """Tensions of the yarns at the crossovers, N, by family."""
+    fields, fabric = result.fields, result.network.fabric
     return {
         name: np.where(
-            fields["carrying"],
-            fields[f"{name}_tension"] / getattr(network.fabric, name).yarns,
-            np.nan,
+            fields["carrying"], fields[f"{name}_tension"] / getattr(fabric, name).yarns, np.nan
         )
         for name in ("warp", "weft")
     }

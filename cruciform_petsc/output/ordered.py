@@ -2,7 +2,7 @@
 """Text files of many ranks: rows in one order on any number of ranks, and no rank holds them all.
 
 Rows are sent to the rank whose share of the numbers they belong to, made into text there, and
-written by one rank after the other.
+written by one rank after the other. Errors are those of tables.py.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..parallel import on_root, send_by_rank
-from .tables import finish_file, start_file
+from ..parallel import send_by_rank
+from .tables import written_by_all
 
 
 def in_order(
@@ -63,24 +63,14 @@ def write_pieces(comm: MPI.Intracomm, path: str | Path, pieces: Iterable[bytes])
     path : str or Path
     pieces : iterable of bytes
         As many on every rank; made as they are needed.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
-    path = Path(path)
-    temporary = on_root(comm, lambda: start_file(path))
-    for piece in pieces:
-        for turn in range(comm.size):
-            problem = None
-            if turn == comm.rank and piece:
-                try:
-                    with temporary.open("ab") as file:
-                        file.write(piece)
-                except OSError as error:
-                    problem = error.strerror or str(error)
-            problem = comm.bcast(problem, root=turn)
-            if problem:
-                on_root(comm, partial(finish_file, path, temporary, problem))
-    on_root(comm, lambda: finish_file(path, temporary))
+    with written_by_all(comm, path) as together:
+        for piece in pieces:
+            for turn in range(comm.size):
+                mine = turn == comm.rank and piece
+                together(partial(_append, piece=piece) if mine else None)
+
+
+def _append(path: Path, piece: bytes) -> None:
+    with path.open("ab") as file:
+        file.write(piece)

@@ -3,12 +3,13 @@
 
 Every rank writes its own crossovers as one partition of an unstructured grid; no rank gathers.
 A series of states is one file with a time axis, of which ParaView makes an animation. Values
-are in SI units except for angles, which are in degrees, as their names say.
+are in SI units except for angles, which are in degrees, as their names say. Errors are those of
+tables.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Set
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -17,31 +18,42 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..net.network import Network
-from ..parallel import on_root
+from .provenance import file_notes
 from .sample import node_means
-from .tables import finish_file, start_file
+from .tables import written_by_all
 
 if TYPE_CHECKING:
     import h5py
     from mpi4py import MPI
 
-    from ..experiments.result import State
+    from ..experiments.result import TestResult
 
 VTK_LINE = 3
 ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
 # Data that no deformation changes.
-CONSTANT = {
-    ("PointData", "crossover"), ("PointData", "node"), ("CellData", "yarn_family"),
-    ("CellData", "crossover"), ("CellData", "carrying"), ("CellData", "rank"),
-}  # fmt: skip
+CONSTANT = {"PointData/crossover", "PointData/node"}
+CONSTANT |= {f"CellData/{name}" for name in ("yarn_family", "crossover", "carrying", "rank")}
+Notes = Mapping[str, str | float]
+Arrays = Mapping[str, np.ndarray]
 
 
-def write_network(
-    path: str | Path,
-    network: Network,
-    node_displacement: np.ndarray,
-    fields: Mapping[str, np.ndarray],
-    notes: Mapping[str, str | float] | None = None,
+def write(result: TestResult, path: str | Path) -> None:
+    """Write a file that ParaView opens: deformed yarns with their fields. Collective.
+
+    Several states become a series over time, see `write_series`. The file's attributes say where
+    it comes from (provenance.file_notes).
+
+    Raises
+    ------
+    InputError
+        On every rank: the place cannot be written to. Nothing is left there then.
+    """
+    write_any = write_series if len(result.states) > 1 else write_state
+    write_any(path, result, file_notes(result))
+
+
+def write_state(
+    path: str | Path, result: TestResult, notes: Notes | None = None, index: int = -1
 ) -> None:
     """Write the deformed yarns with their fields to one ``.vtkhdf`` file. Collective.
 
@@ -59,69 +71,39 @@ def write_network(
     Parameters
     ----------
     path : str or Path
-    network : Network
-    node_displacement : float (n_local, 2)
-        In x and y, metres, ghosts filled.
-    fields : dict
-        See LinearNetwork.crossover_fields.
+    result : TestResult
     notes : dict, optional
         Where the file comes from; kept as attributes of the file's group ``VTKHDF``.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to. Nothing is left there then.
+    index : int
+        Which of the result's states.
     """
-    arrays = grid_arrays(network, node_displacement, fields)
-    write_by_rank(network.comm, path, "VTKHDF", arrays, _attributes(notes))
+    state, network = result.states[index], result.network
+    arrays = grid_arrays(network, state.node_displacement, state.fields)
+    write_by_rank(network.comm, path, arrays, _attributes(notes))
 
 
-def write_series(
-    path: str | Path,
-    network: Network,
-    states: Sequence[State],
-    column: tuple[str, float],
-    notes: Mapping[str, str | float] | None = None,
-) -> None:
-    """Write states, from rest on, to one ``.vtkhdf`` file with a time axis. Collective.
+def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
+    """Write all states, after the one at rest, to one ``.vtkhdf`` file with time. Collective.
 
-    Time is the control of the test (extension, angle, strain or load), or the number of the state
-    where controls do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds
-    them. Cells and what does not change with time are in the file once; data as in `write_network`.
-
-    Parameters
-    ----------
-    path : str or Path
-    network : Network
-    states : sequence of State
-        The state at rest is put before them.
-    column : (str, float)
-        Name of the control with its unit, and that unit in SI: ("extension_mm", 1e-3).
-    notes : dict, optional
-        As in `write_network`.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to. Nothing is left there then.
+    Time is the control of the test in the curve's unit, or the number of the state where controls
+    do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds them. Cells and
+    what does not change with time are in the file once; data as in `write_state`.
     """
-    first = states[0]
+    network, column, states = result.network, result.experiment.column, result.states
     at_rest = {
         name: value if value.dtype == bool else np.zeros_like(value)
-        for name, value in first.fields.items()
+        for name, value in states[0].fields.items()
     }
-    arrays = grid_arrays(network, np.zeros_like(first.node_displacement), at_rest)
+    arrays = grid_arrays(network, np.zeros_like(states[0].node_displacement), at_rest)
     steps = (grid_arrays(network, s.node_displacement, s.fields) for s in states)
-    changing = {name for name in arrays if name == "Points" or name.startswith(("Point", "Cell"))}
-    changing -= {f"{data}/{name}" for data, name in CONSTANT}
-    total = {name: network.comm.allreduce(len(arrays[name])) for name in arrays if name in changing}
-    count = 1 + len(states)
-    step = np.arange(count)
-    none = np.zeros(count, np.int64)
-    name, size = column
-    controls = np.array([0.0, *(state.control / size for state in states)])
+    changing = {name for name in arrays if name.startswith(("Points", "PointData/", "CellData/"))}
+    changing -= CONSTANT
+    total = {name: network.comm.allreduce(len(arrays[name])) for name in sorted(changing)}
+    step = np.arange(1 + len(states))
+    none = np.zeros_like(step)
+    controls = np.array([0.0, *(state.control / column.scale for state in states)])
     ascending = bool((np.diff(controls) > 0).all())
-    axis: dict[str, np.ndarray] = {
+    axis = {
         "Values": controls if ascending else step.astype(float),
         "NumberOfParts": none + network.comm.allreduce(len(arrays["NumberOfPoints"])),
         "PartOffsets": none,
@@ -133,15 +115,12 @@ def write_series(
         data, slash, field = array.partition("/")
         if slash:
             axis[f"{data}Offsets/{field}"] = step * total.get(array, 0)
-    time_is = np.bytes_(name if ascending else "state")
+    time_is = np.bytes_(column.column if ascending else "state")
     attributes = _attributes(notes) | {"time_is": time_is, "controls": controls}
-    write_by_rank(
-        network.comm, path, "VTKHDF", arrays, attributes,
-        steps=(count, changing, chain([arrays], steps)), axis=axis,
-    )  # fmt: skip
+    write_by_rank(network.comm, path, arrays, attributes, (changing, steps, axis))
 
 
-def _attributes(notes: Mapping[str, str | float] | None) -> dict:
+def _attributes(notes: Notes | None) -> dict:
     attributes: dict = {"Version": np.array([2, 0]), "Type": np.bytes_("UnstructuredGrid")}
     for name, note in (notes or {}).items():
         attributes[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
@@ -149,7 +128,7 @@ def _attributes(notes: Mapping[str, str | float] | None) -> dict:
 
 
 def grid_arrays(
-    network: Network, node_displacement: np.ndarray, fields: Mapping[str, np.ndarray]
+    network: Network, node_displacement: np.ndarray, fields: Arrays
 ) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition by their names in the file. Collective.
 
@@ -209,11 +188,9 @@ def _in_space(plane: np.ndarray) -> np.ndarray:
 def write_by_rank(
     comm: MPI.Intracomm,
     path: str | Path,
-    group: str,
-    arrays: Mapping[str, np.ndarray],
+    arrays: Arrays,
     attributes: Mapping[str, object],
-    steps: tuple[int, Iterable[str], Iterable[Mapping[str, np.ndarray]]] | None = None,
-    axis: Mapping[str, np.ndarray] | None = None,
+    series: tuple[Set[str], Iterable[Arrays], Arrays] | None = None,
 ) -> None:
     """Write an HDF5 file in which every dataset is the ranks' arrays one after the other.
 
@@ -224,68 +201,55 @@ def write_by_rank(
     ----------
     comm : mpi4py communicator
     path : str or Path
-    group : str
-        Name of the one group at the root.
     arrays : dict of arrays (n, ...)
-        The same names, types and trailing shapes on every rank; n may differ and be 0.
+        Of the group ``VTKHDF``: the same names, types and trailing shapes on every rank; n may
+        differ and be 0.
     attributes : dict
         Of the group; the same on every rank.
-    steps : (count, names, iterable of arrays), optional
-        Arrays of so many steps, of which those named are written one step after the other; those
-        of the first step are ``arrays``. Made as they are needed.
-    axis : dict of arrays, optional
-        Of the group ``Steps``, with an attribute ``NSteps``; the same on every rank.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
+    series : (names, steps, axis), optional
+        Arrays that change, which are written one step after the other; the arrays of the further
+        steps, made as they are needed; and the group ``Steps``, the same on every rank.
     """
     import h5py
 
     lengths = np.array(comm.allgather([len(array) for array in arrays.values()]))
     begin = dict(zip(arrays, lengths[: comm.rank].sum(axis=0), strict=True))
     total = dict(zip(arrays, lengths.sum(axis=0), strict=True))
-    count, named, every_step = (1, (), [arrays]) if steps is None else steps
-    changing = set(named)
+    changing, steps, axis = series or (set(), (), {})
+    count = len(axis["Values"]) if axis else 1
 
-    def create(file: h5py.File) -> None:
-        root = file.create_group(group)
-        for name, value in attributes.items():
-            root.attrs[name] = value
+    def create(root: h5py.Group) -> None:
+        root.attrs.update(attributes)
         for name, array in arrays.items():
             rows = total[name] * (count if name in changing else 1)
             root.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
-        for name, array in (axis or {}).items():
+        for name, array in axis.items():
             root.create_dataset(f"Steps/{name}", array.shape, array.dtype)
         if axis:
             root["Steps"].attrs["NSteps"] = count
 
-    def fill(file: h5py.File, step: int, of_step: Mapping[str, np.ndarray]) -> None:
+    def fill(root: h5py.Group, step: int, of_step: Arrays) -> None:
         for name, array in of_step.items():
             if len(array) and (step == 0 or name in changing):
                 first = step * total[name] + begin[name]
-                file[f"{group}/{name}"][first : first + len(array)] = array
+                root[name][first : first + len(array)] = array
         if step == 0 and comm.rank == 0:
-            for name, array in (axis or {}).items():
-                file[f"{group}/Steps/{name}"][...] = array
+            for name, array in axis.items():
+                root[f"Steps/{name}"][...] = array
 
     together = comm.size > 1 and h5py.get_config().mpi
     options = {"driver": "mpio", "comm": comm} if together else {}
-    temporary = on_root(comm, lambda: start_file(path))
-    problem = None
-    for step, of_step in enumerate(every_step):
-        for turn in range(1 if together else comm.size):
-            try:
-                if together or turn == comm.rank:
-                    mode = "r+" if turn or step else "w"
-                    with h5py.File(temporary, mode, **options) as file:
-                        if mode == "w":
-                            create(file)
-                        fill(file, step, of_step)
-            except (OSError, RuntimeError) as error:
-                problem = str(error)
-            problems = [told for told in comm.allgather(problem) if told]
-            if problems:
-                on_root(comm, partial(finish_file, path, temporary, problems[0]))
-    on_root(comm, lambda: finish_file(path, temporary))
+
+    def write_step(turn: int, step: int, of_step: Arrays, temporary: Path) -> None:
+        mode = "r+" if turn or step else "w"
+        with h5py.File(temporary, mode, **options) as file:
+            root = file.require_group("VTKHDF")
+            if mode == "w":
+                create(root)
+            fill(root, step, of_step)
+
+    with written_by_all(comm, path) as in_file:
+        for step, of_step in enumerate(chain([arrays], steps)):
+            for turn in range(1 if together else comm.size):
+                mine = together or turn == comm.rank
+                in_file(partial(write_step, turn, step, of_step) if mine else None)

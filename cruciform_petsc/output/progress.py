@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A bar that tells how far a test is, on terminals; elsewhere the log's lines must do."""
+"""How far a test is: a line and a row for each increment, and a bar where there is a terminal."""
 
 from __future__ import annotations
 
@@ -11,11 +11,112 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..quantities import LOAD, si_text
+from ..small.network import MODES
+from .tables import write_csv
+
+if TYPE_CHECKING:
+    from ..equilibrium.newton import Increment
+    from ..experiments.experiment import Experiment
+
 NARROWEST = 40  # columns; what claims less does not know
+# Columns of increments.csv that tell how equilibrium was found, and the increment's attributes.
+EFFORT = {
+    "newton_iterations": "iterations",
+    "residual_N": "residual",
+    "tolerance_N": "tolerance",
+    "asked": "asked",
+    "seconds": "seconds",
+}
+
+
+class Progress:
+    """Tells the log about each accepted increment and keeps a table of all of them on disk."""
+
+    def __init__(self, experiment: Experiment, path: Path, log: logging.Logger):
+        self.experiment, self.path, self.log = experiment, path, log
+        self.increments: list[Increment] = []
+        self._route = Route(experiment.values)
+        self._tell_bar: Callable[[float, str], None] | None = None
+
+    @contextmanager
+    def bar(self) -> Iterator[None]:
+        """Show a bar while a finite test is solved, if there is a terminal to show it on."""
+        if not self.experiment.finite:
+            yield
+            return
+        with progress_bar(self.log, self._route.length, self._done()) as self._tell_bar:
+            yield
+        self._tell_bar = None
+
+    def go_on_from(self, increments: list[Increment]) -> None:
+        """Take note of the increments of a former run. Collective."""
+        self.increments = list(increments)
+        if increments:
+            self._write()
+            reached = self.experiment.column.text(increments[-1].control)
+            self.log.info("           going on from %s, %d increments", reached, len(increments))
+
+    def __call__(self, increment: Increment) -> None:
+        """Take note of an increment. Collective."""
+        self.increments.append(increment)
+        if self._tell_bar is not None:
+            self._tell_bar(self._done(), self._text())
+        mended = f", {increment.shifted} of them mended" if increment.shifted else ""
+        self.log.info(
+            "%8.2f s    %-22s%s shear %4.1f deg, %2d Newton iterations%s",
+            increment.seconds,
+            self.experiment.column.text(increment.control),
+            "" if self.experiment.control == "load" else f" load {increment.load:<8.5g} N,",
+            np.rad2deg(increment.shear_max),
+            increment.iterations,
+            mended,
+        )
+        self._write()
+
+    def _done(self) -> float:
+        """How much of the way through the values asked for lies behind."""
+        if not self.increments:
+            return 0.0
+        last = self.increments[-1]
+        value = last.load if self.experiment.by_load else last.control
+        return self._route.done(sum(step.asked for step in self.increments), value)
+
+    def _text(self) -> str:
+        """What stands before the bar."""
+        last, experiment = self.increments[-1], self.experiment
+        now = experiment.column.value_text(last.control)
+        if experiment.by_load:
+            now = si_text(last.load, "N")
+        return (
+            f"increment {len(self.increments)}, {now}, {np.rad2deg(last.shear_max):.1f} deg of "
+            f"shear, {last.iterations} Newton step{'s' if last.iterations != 1 else ''}"
+        )
+
+    def _write(self) -> None:
+        table = increments_table(self.experiment, self.increments)
+        write_csv(self.experiment.network.comm, self.path, table)
+
+
+def increments_table(
+    experiment: Experiment, increments: Sequence[Increment]
+) -> dict[str, np.ndarray | list]:
+    """Columns of all accepted increments, with units in their names; (n,) each."""
+    control = experiment.column
+    columns: dict[str, np.ndarray | list] = {
+        control.column: np.array([increment.control for increment in increments]) / control.scale,
+        LOAD.column: [increment.load for increment in increments],
+        "shear_max_deg": np.rad2deg([increment.shear_max for increment in increments]),
+    }
+    for i, mode in enumerate(MODES):
+        columns[f"energy_{mode}_J"] = [increment.energies[i] for increment in increments]
+    for name, attribute in EFFORT.items():
+        columns[name] = [getattr(increment, attribute) for increment in increments]
+    return columns | {"asked": np.array(columns["asked"], int)}
 
 
 class Route:
@@ -55,10 +156,10 @@ def is_terminal(stream: IO[str]) -> bool:
     """
     if not stream.isatty():
         return False
-    return "OMPI_COMM_WORLD_SIZE" not in os.environ or _parents_terminal() is not None
+    return "OMPI_COMM_WORLD_SIZE" not in os.environ or parents_terminal() is not None
 
 
-def _parents_terminal() -> Path | None:
+def parents_terminal() -> Path | None:
     """The standard output of the process that started this one, if it is a terminal (Linux)."""
     path = Path(f"/proc/{os.getppid()}/fd/1")
     with suppress(OSError):
@@ -69,19 +170,15 @@ def _parents_terminal() -> Path | None:
 
 def _columns() -> int:
     """Width of the terminal; ranks do not know mpirun's."""
-    for place in (None, _parents_terminal()):
-        with suppress(OSError, ValueError):
-            if place is None:
-                columns = os.get_terminal_size(sys.stdout.fileno()).columns
-            else:
-                descriptor = os.open(place, os.O_WRONLY | os.O_NOCTTY)
-                try:
-                    columns = os.get_terminal_size(descriptor).columns
-                finally:
-                    os.close(descriptor)
-            if columns >= NARROWEST:
-                return columns
-    return 80
+    widths = [80]
+    place = parents_terminal()
+    with suppress(OSError):
+        if place is not None:
+            with os.fdopen(os.open(place, os.O_WRONLY | os.O_NOCTTY), "w") as terminal:
+                widths.insert(0, os.get_terminal_size(terminal.fileno()).columns)
+    with suppress(OSError, ValueError):
+        widths.insert(0, os.get_terminal_size(sys.stdout.fileno()).columns)
+    return next(width for width in widths if width >= NARROWEST)
 
 
 @contextmanager
@@ -107,18 +204,15 @@ def progress_bar(
     if not (log.isEnabledFor(logging.INFO) and log.handlers and is_terminal(stdout)):
         yield None
         return
-    try:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn
-    except ImportError:  # an ornament only
-        yield None
-        return
+    from rich import progress
+    from rich.console import Console
+
     console = Console(file=stdout, width=_columns(), force_terminal=True, highlight=False)
-    bar = Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=None),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[left]}", markup=False),
+    bar = progress.Progress(
+        progress.TextColumn("{task.description}", markup=False),
+        progress.BarColumn(bar_width=None),
+        progress.TextColumn("{task.percentage:>3.0f} %"),
+        progress.TextColumn("{task.fields[left]}", markup=False),
         console=console,
         expand=True,
         transient=True,

@@ -2,7 +2,7 @@
 """What pictures are drawn from: parts of the network, small enough for one rank to hold.
 
 A network of up to ``limit`` crossovers is taken as it is. Of a larger one, every k-th yarn is taken
-and every k-th crossover along it, or blocks of k x k crossovers are averaged.
+and every k-th crossover along it, or blocks of k x k crossovers are averaged: about ``limit`` then.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ class YarnSample:
 
     Attributes
     ----------
-    before, displacement : float (n, 2)
-        Metres.
-    shear_angle_deg : float (n,)
-        NaN where a crossover carries nothing. Or what `sample_yarns` was given in its place.
+    before, after : float (n, 2)
+        Places at rest and now, metres.
+    lattice : float (n, 2)
+        Places (i, j) in the lattice.
+    values : float (n,)
+        Of the points, for their colours; NaN where a crossover carries nothing.
     family : int8 (n,)
         0 warp, 1 weft.
     first : int64 (m,)
@@ -36,22 +38,16 @@ class YarnSample:
         One in so many yarns was taken.
     spacing : float
         Mean distance between those, metres.
-    outline : list of float (k, 2)
-        Closed rings before the deformation, metres: the exterior, then the holes.
     """
 
     before: np.ndarray
-    displacement: np.ndarray
-    shear_angle_deg: np.ndarray
+    after: np.ndarray
+    lattice: np.ndarray
+    values: np.ndarray
     family: np.ndarray
     first: np.ndarray
     every: int
     spacing: float
-    outline: list[np.ndarray]
-
-    def after(self, scale: float = 1.0) -> np.ndarray:
-        """Deformed positions, displacement times ``scale``; (n, 2) in metres."""
-        return self.before + scale * self.displacement
 
     @property
     def segment(self) -> np.ndarray:
@@ -110,9 +106,9 @@ def sample_yarns(
         ``displacement``, ``shear_angle`` and ``carrying`` at this rank's crossovers, see
         LinearNetwork.crossover_fields.
     limit : int
-        Each family's yarns are taken with at most so many crossovers.
+        Each family's yarns are taken with about so many crossovers.
     values : two of float (n,), optional
-        Of warp and weft at the crossovers, to be taken in place of the shear angle.
+        Of warp and weft at the crossovers; by default the shear angle in degrees, of both.
 
     Returns
     -------
@@ -120,70 +116,60 @@ def sample_yarns(
     """
     if values is None:
         values = 2 * [np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)]
-    hinge = np.column_stack([network.crossover_position, fields["displacement"], *values])
-    means = [node_means(network, value) for value in values]
-    node = np.column_stack([network.node_position, node_displacement, *means])
+    crossover = [network.crossover_position, fields["displacement"], *values]
+    node = [network.node_position, node_displacement, *(node_means(network, v) for v in values)]
+    table = np.concatenate([np.column_stack(crossover), np.column_stack(node)])
     every = _stride(network, limit)
-    while True:
-        taken = [_places(network, family, every) for family in (0, 1)]
-        largest = [network.comm.allreduce(len(rows)) for rows, *_ in taken]
-        if every == 1 or max(largest) <= limit:
-            break
-        every += 1 + every // 4
-    parts = []
-    for family, (hinges, place, starts, nodes, node_place, node_starts) in enumerate(taken):
-        line = network.crossover_ij[:, 1 - family]
-        for points, rows, at, start in (
-            (hinge[hinges], hinges, place, starts),
-            (node[nodes[0]], nodes[1], node_place, node_starts),
-        ):
-            key = [np.full(len(rows), family), line[rows], at, start]
-            parts.append(np.column_stack([*key, points[:, [0, 1, 2, 3, 4 + family]]]))
-    gathered = network.comm.gather(np.concatenate(parts))
+    own = []
+    for family in (0, 1):
+        points = _points(network, family, every)
+        columns = table[points[:, 3]][:, [0, 1, 2, 3, 4 + family]]
+        own.append(np.column_stack([np.full(len(points), family), points[:, :3], columns]))
+    gathered = network.comm.gather(np.concatenate(own))
     if gathered is None:
         return None
-    table = np.concatenate(gathered)
-    table = table[np.lexsort((table[:, 2], table[:, 1], table[:, 0]))]
+    rows = np.concatenate(gathered)
+    rows = rows[np.lexsort(rows[:, 2::-1].T)]
+    before = rows[:, 4:6]
     return YarnSample(
-        before=table[:, 4:6],
-        displacement=table[:, 6:8],
-        shear_angle_deg=table[:, 8],
-        family=table[:, 0].astype(np.int8),
-        first=np.flatnonzero(table[:, 3]),
+        before=before,
+        after=before + rows[:, 6:8],
+        lattice=network.to_yarn(before - network.preform.lattice_origin) / network.pitch,
+        values=rows[:, 8],
+        family=rows[:, 0].astype(np.int8),
+        first=np.flatnonzero(rows[:, 3]),
         every=every,
         spacing=every * float(network.pitch.mean()),
-        outline=_rings(network),
     )
 
 
-def _places(network: Network, family: int, every: int):
-    """What is taken of one family's yarns: crossovers, then arm ends. Not collective.
+def _points(network: Network, family: int, every: int) -> np.ndarray:
+    """What is taken of one family's yarns: crossovers and arm ends. Not collective.
 
     Returns
     -------
-    rows, place, start
-        Crossovers, their places along the yarn in quarters of a pitch (as in Network.node_key) and
-        whether a yarn begins there.
-    (node, row), place, start
-        The same for arm ends: local nodes and the crossovers they belong to.
+    int64 (n, 4)
+        Line of the yarn, place along it in quarters of a pitch (as in Network.node_key), whether a
+        yarn begins there; and the crossover, or the local node after all of this rank's crossovers.
     """
-    ij = network.crossover_ij.astype(np.int64)
+    ij, count = network.crossover_ij.astype(np.int64), network.num_crossovers_owned
     line, along = ij[:, 1 - family], ij[:, family]
     after, before = network.arm_is_shared[:, [family, family + 2]].T
     has_after, has_before = network.arm_length[:, [family, family + 2]].T > 0
+    node_after, node_before = count + network.arm_node[:, [family, family + 2]].T
     chosen = line % every == 0
-    rows = np.flatnonzero(chosen & ((along % every == 0) | ~after | ~before))
-    ends = [
-        (family + 2, np.flatnonzero(chosen & ~before & has_before), -1, True),
-        (family, np.flatnonzero(chosen & ~after & has_after), 1, False),
-        (family, np.flatnonzero(chosen & after & (every == 1)), 2, False),
+    whole = (along % every == 0) | ~after | ~before
+    parts = [
+        (chosen & whole, 0, ~(before | has_before), np.arange(count)),
+        (chosen & ~before & has_before, -1, True, node_before),
+        (chosen & ~after & has_after, 1, False, node_after),
+        (chosen & after & (every == 1), 2, False, node_after),
     ]
-    node = np.concatenate([network.arm_node[at, arm] for arm, at, _, _ in ends])
-    node_row = np.concatenate([at for _, at, _, _ in ends])
-    node_place = np.concatenate([4 * along[at] + shift for _, at, shift, _ in ends])
-    node_start = np.concatenate([np.full(len(at), start) for _, at, _, start in ends])
-    start = ~(before | has_before)[rows]
-    return rows, 4 * along[rows], start, (node, node_row), node_place, node_start
+    rows = [
+        np.column_stack(np.broadcast_arrays(line, 4 * along + shift, begins, point))[taken]
+        for taken, shift, begins, point in parts
+    ]
+    return np.concatenate(rows)
 
 
 def sample_map(
@@ -197,7 +183,7 @@ def sample_map(
     values : dict of float (n_owned,)
         By name, on this rank's crossovers; entries that are not finite are left out of the means.
     limit : int
-        Largest number of blocks.
+        Number of blocks, beside some more at the outline.
 
     Returns
     -------
@@ -206,29 +192,23 @@ def sample_map(
     ij = network.crossover_ij.astype(np.int64)
     cut = np.zeros(len(ij), bool)
     cut[network.boundary_crossovers] = True
-    given = np.column_stack([np.asarray(value, float) for value in values.values()])
-    given = given.reshape(len(ij), len(values))
+    given = np.column_stack(list(values.values()))
     good = np.isfinite(given)
     columns = np.column_stack([np.ones(len(ij)), cut, good, np.where(good, given, 0.0)])
     every = _stride(network, limit)
-    while True:
-        block, total = _summed(ij // every, columns)
-        if every == 1 or network.comm.allreduce(len(block)) <= limit:
-            break
-        every += 1 + every // 4
-    gathered = network.comm.gather((block, total))
+    gathered = network.comm.gather(_summed(ij // every, columns))
     if gathered is None:
         return None
     block, total = _summed(*(np.concatenate(part) for part in zip(*gathered, strict=True)))
     count, sums = np.split(total[:, 2:], 2, axis=1)
     mean = np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
-    sides = network.pitch[:, None] * network.preform.rotation
+    sides, outline = network.to_lab(np.diag(network.pitch)), network.preform.outline
     return MapSample(
         centre=(every * block + 0.5 * (every - 1)) @ sides + network.preform.lattice_origin,
         sides=every * sides,
         values=dict(zip(values, mean.T, strict=True)),
         at_outline=(total[:, 0] < every**2) | (total[:, 1] > 0),
-        outline=_rings(network),
+        outline=[np.asarray(ring.coords)[:, :2] for ring in (outline.exterior, *outline.interiors)],
     )
 
 
@@ -257,10 +237,5 @@ def node_means(network: Network, values: np.ndarray) -> np.ndarray:
 
 
 def _stride(network: Network, limit: int) -> int:
-    """Smallest k such that k-th crossovers of k-th yarns can be within the limit."""
-    return max(1, int(np.ceil(np.sqrt(network.num_crossovers_global / limit))))
-
-
-def _rings(network: Network) -> list[np.ndarray]:
-    outline = network.preform.outline
-    return [np.asarray(r.coords)[:, :2] for r in (outline.exterior, *outline.interiors)]
+    """Smallest k of which k-th crossovers of k-th yarns are at most about so many."""
+    return int(np.ceil(np.sqrt(network.num_crossovers_global / limit)))

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Small files that rank 0 writes: curves as CSV, summaries as JSON."""
+"""Small files that rank 0 writes, curves as CSV, summaries as JSON; and how any file is written.
+
+A file gets its name when it is whole. Where a place cannot be written to, every rank raises an
+InputError, and nothing is left there.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import on_root
+from ..parallel import on_all, on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -33,11 +37,6 @@ def write_csv(
     columns : dict of sequences
         Names carry the units: ``extension_mm``, ``load_N``. Needed on rank 0 only. Numbers are
         written so that they read back exactly, those that are not finite as an empty field.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
 
     def write() -> None:
@@ -59,11 +58,6 @@ def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -
     path : str or Path
     data : dict
         Needed on rank 0 only. JSON knows no NaN and no infinity: they become null.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to.
     """
 
     def write() -> None:
@@ -88,12 +82,46 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     temporary = start_file(path)
     try:
         yield temporary
+        temporary.replace(path)
     except OSError as error:
-        finish_file(path, temporary, _reason(error))
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+        raise _cannot_write(path, error) from None
+    finally:
+        _remove(temporary)
+
+
+@contextmanager
+def written_by_all(
+    comm: MPI.Intracomm, path: str | Path
+) -> Iterator[Callable[[Callable[[Path], object] | None], None]]:
+    """Give what writes to a file of all ranks; it gets its name when the block ends well.
+
+    Collective, as is what the block gets: to be called with a function of the temporary file, or
+    with None on ranks that have nothing to write.
+
+    Raises
+    ------
+    InputError
+        On every rank: the place cannot be written to, or a function raised an OSError or a
+        RuntimeError on one of them. Nothing is left there then.
+    """
+    temporary = on_root(comm, lambda: start_file(path))
+
+    def together(write: Callable[[Path], object] | None) -> None:
+        def attempt() -> None:
+            try:
+                if write is not None:
+                    write(temporary)
+            except (OSError, RuntimeError) as error:
+                raise _cannot_write(path, error) from None
+
+        on_all(comm, attempt)
+
+    try:
+        yield together
+        together((lambda temporary: temporary.replace(path)) if comm.rank == 0 else None)
+    except InputError:
+        on_root(comm, lambda: _remove(temporary))
         raise
-    finish_file(path, temporary)
 
 
 def start_file(path: str | Path) -> Path:
@@ -105,29 +133,18 @@ def start_file(path: str | Path) -> Path:
             raise OSError("a folder has that name")
         temporary.touch()
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        raise _cannot_write(path, _reason(error)) from None
+        raise _cannot_write(path, error) from None
     return temporary
 
 
-def finish_file(path: str | Path, temporary: Path, problem: str | None = None) -> None:
-    """Rename the temporary file; or, if there was a problem, remove it and raise InputError."""
-    try:
-        if problem is None:
-            temporary.replace(path)
-            return
-    except OSError as error:
-        problem = _reason(error)
+def _remove(temporary: Path) -> None:
     with suppress(OSError):
         temporary.unlink(missing_ok=True)
-    raise _cannot_write(path, problem)
 
 
-def _cannot_write(path: str | Path, problem: str) -> InputError:
-    return InputError(f'"{path}" cannot be written: {problem}')
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
+def _cannot_write(path: str | Path, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(f'"{path}" cannot be written: {reason}')
 
 
 def _plain(value: Any) -> Any:

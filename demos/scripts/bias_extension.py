@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from cruciform_petsc import BiasExtension, Fabric, Network, Preform
+from cruciform_petsc import BiasExtension, Fabric, Network, Preform, plot, scene
 
 WIDTH, LENGTH = 0.115, 0.23  # m
 
@@ -34,8 +34,8 @@ def main(folder=None):
 
     # %% Before and after, flat and woven.
     if folder is not None:
-        result.plot(f"{folder}/bias_extension.png")
-        result.scene(f"{folder}/bias_extension_woven.png")
+        plot(result, f"{folder}/bias_extension.png")
+        scene(result, f"{folder}/bias_extension_woven.png")
     return {
         "load_N": result.load,
         "shear_centre_deg": float(np.rad2deg(result.shear_angle_centre)),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from cruciform_petsc import Cantilever, Fabric, Network, Preform
+from cruciform_petsc import Cantilever, Fabric, Network, Preform, plot
 
 LENGTH, LOAD = 0.1, 1e-5  # m, N
 RIGIDITY, SHEAR = 5e-7, 1e-4  # of a yarn, N m^2; of the cloth, N/m
@@ -37,7 +37,7 @@ def main(folder=None):
 
     # %%
     if folder is not None:
-        result.plot(f"{folder}/cantilever.png")
+        plot(result, f"{folder}/cantilever.png")
     return {
         "deflection_mm": float(deflection),
         "rigidity_read_N_mm2": float(1e6 * rigidity),

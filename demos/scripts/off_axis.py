@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from cruciform_petsc import Fabric, Network, OffAxisTension, Preform
+from cruciform_petsc import Fabric, Network, OffAxisTension, Preform, plot
 
 WIDTH, LENGTH = 0.04, 0.16  # m
 
@@ -26,7 +26,7 @@ def main(folder=None):
         result = OffAxisTension(network, "0.1 mm", ends=ends, bending=False).solve()
         modulus[ends] = result.load / WIDTH / (result.extension / LENGTH)
         if folder is not None:
-            result.plot(f"{folder}/off_axis_{ends}.png")
+            plot(result, f"{folder}/off_axis_{ends}.png")
 
     # %% N/m to N/cm.
     kilby = fabric.off_axis_modulus(preform.bias_angle)

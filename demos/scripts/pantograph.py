@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from cruciform_petsc import Fabric, Network, Pantograph, Preform
+from cruciform_petsc import Fabric, Network, Pantograph, Preform, plot
 
 
 def main(folder=None):
@@ -27,7 +27,7 @@ def main(folder=None):
 
     # %%
     if folder is not None:
-        result.plot(f"{folder}/pantograph.png")
+        plot(result, f"{folder}/pantograph.png")
     return {
         "load_N": result.load,
         **{f"{mode}_share": value / total for mode, value in energy.items()},

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from cruciform_petsc import Fabric, Network, PictureFrame, Preform
+from cruciform_petsc import Fabric, Network, PictureFrame, Preform, scene
 
 
 def main(folder=None):
@@ -35,7 +35,7 @@ def main(folder=None):
 
     # %%
     if folder is not None:
-        result.scene(f"{folder}/picture_frame.png")
+        scene(result, f"{folder}/picture_frame.png")
     return {
         "load_N": result.load,
         "shear_measured_N_per_mm": float(measured),

@@ -2,13 +2,24 @@
 """The network without yarn bending against the dolfinx membrane, Table 1, 1 mm extension."""
 
 from math import pi, radians, sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
 
-from cruciform_petsc import BiasExtension, Fabric, Network, Preform
+from cruciform_petsc import (
+    BiasExtension,
+    Fabric,
+    InputError,
+    Network,
+    OffAxisTension,
+    PictureFrame,
+    Preform,
+    compare_with_membrane,
+)
+from cruciform_petsc.continuum.compare import Reference, solve_membranes
 from cruciform_petsc.continuum.membrane import Membrane
 
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
@@ -26,7 +37,7 @@ def compared(outline, angle, refine, reference):
     """Number of crossovers and comparison with the membrane."""
     network = Network(MPI.COMM_SELF, Preform(outline, angle, refine=refine), TABLE_1)
     result = BiasExtension(network, extension="1 mm", bending=False).solve()
-    return network.num_crossovers_global, result.compare_with_membrane(reference)
+    return network.num_crossovers_global, compare_with_membrane(result, reference)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +106,34 @@ def test_centre_line_edge():
     preform = Preform(outline, pi / 4, refine=8)
     network = Network(MPI.COMM_SELF, preform, TABLE_1)
     result = BiasExtension(network, extension="1 mm", upper="centre-line", bending=False).solve()
-    comparison = result.compare_with_membrane()
+    comparison = compare_with_membrane(result)
     # Half the clamp ends of the gripped specimen, so less than its 0.5 % and 1.5 %.
     assert comparison.relative_l2_displacement < 0.01
     assert abs(comparison.load_ratio - 1.0) < 0.015
+
+
+@pytest.mark.parametrize("finite", [False, True], ids=["small", "finite"])
+def test_no_membrane_with_free_ends(finite):
+    """The membrane is gripped: it is not what to compare with."""
+    preform = Preform.rectangle(3 * DIAGONAL, 6 * DIAGONAL, pi / 4)
+    network = Network(MPI.COMM_SELF, preform, TABLE_1)
+    result = OffAxisTension(network, "0.1 mm", ends="free", finite=finite).solve()
+    for call in (solve_membranes, compare_with_membrane, Reference.solve):
+        with pytest.raises(InputError, match="no membrane with free ends"):
+            call(result)
+
+
+def test_no_membrane_of_a_picture_frame():
+    network = Network(MPI.COMM_SELF, Preform.rectangle(6 / 240, 6 / 240, 0.0), TABLE_1)
+    result = PictureFrame(network, "1 deg").solve()
+    with pytest.raises(InputError, match="no continuum to compare a picture-frame test with"):
+        compare_with_membrane(result)
+
+
+@pytest.mark.parametrize(
+    ("stable", "together"), [([True, True], True), ([True, False], False), ([None, True], None)]
+)
+def test_stable_if_all_are(stable, together):
+    """What is not known is not unstable."""
+    membranes = [SimpleNamespace(stable=each) for each in stable]
+    assert Reference(None, membranes, []).stable is together

@@ -11,8 +11,9 @@ from mpi4py import MPI
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.continuum import HyperelasticMembrane, Membrane, compare_fields
-from cruciform_petsc.continuum.hyperelastic import Equilibrium
+from cruciform_petsc.continuum.compare import compare_fields
+from cruciform_petsc.continuum.hyperelastic import Equilibrium, HyperelasticMembrane
+from cruciform_petsc.continuum.membrane import Membrane
 from cruciform_petsc.errors import InputError, SolverError
 from cruciform_petsc.laws import odd_polynomial, sin_powers, table
 

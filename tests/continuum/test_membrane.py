@@ -14,10 +14,11 @@ from petsc4py import PETSc
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.continuum import Membrane, compare_fields, evaluate, outline_mesh
-from cruciform_petsc.continuum.membrane import default_size
-from cruciform_petsc.continuum.mesh import grade_mesh
-from cruciform_petsc.continuum.points import triangle_distance
+from cruciform_petsc.continuum.compare import compare_fields
+from cruciform_petsc.continuum.domain import default_size
+from cruciform_petsc.continuum.membrane import Membrane
+from cruciform_petsc.continuum.mesh import grade_mesh, outline_mesh
+from cruciform_petsc.continuum.points import evaluate, triangle_distance
 from cruciform_petsc.errors import InputError, SolverError
 
 COMM = MPI.COMM_SELF

@@ -17,7 +17,7 @@ from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.run import _all_stable, _solver
+from cruciform_petsc.output.summary import solver_figures
 
 DEGREE = np.pi / 180
 
@@ -252,17 +252,6 @@ def test_bad_input_is_one_sentence(make, message):
     assert len(text) < 200
 
 
-@FINITE
-def test_no_membrane_with_free_ends(finite):
-    """The membrane is gripped: it is not what to compare with."""
-    result = OffAxisTension(network(BIAS), "0.1 mm", ends="free", finite=finite).solve()
-    with pytest.raises(InputError, match="no membrane with free ends"):
-        result.compare_with_membrane()
-    if finite:
-        with pytest.raises(InputError, match="no membrane with free ends"):
-            result.experiment.finite_membranes(result)
-
-
 @pytest.mark.parametrize(
     ("options", "types"),
     [
@@ -275,14 +264,7 @@ def test_solver_types_are_told(options, types):
     """Those that were used, whatever the number of unknowns would have called for."""
     result = BiasExtension(network(BIAS), "0.1 mm", finite=True, options=options).solve()
     assert result.solver_types == {"snes": "newtonls", "ksp": types[0], "pc": types[1]}
-    assert result.solver_types.items() <= _solver(result).items()
-
-
-def test_stable_if_all_are():
-    """What is not known is not unstable."""
-    assert _all_stable([True, True]) is True
-    assert _all_stable([True, False]) is False
-    assert _all_stable([None, True]) is None
+    assert result.solver_types.items() <= solver_figures(result).items()
 
 
 def _unbent():

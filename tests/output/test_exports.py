@@ -13,7 +13,7 @@ from support.helpers import PITCH, UNEVEN, l_shape
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, PictureFrame, Preform
 from cruciform_petsc.output.abaqus import weft_angle_deg
-from cruciform_petsc.output.exports import export_state
+from cruciform_petsc.output.exports import export
 from cruciform_petsc.run import run_case
 
 COMM = MPI.COMM_SELF
@@ -47,7 +47,7 @@ def test_affine_motion(tmp_path, hold):
     table, deck = (
         read(path)
         for read, path in zip(
-            (read_table, read_input_file), export_state(tmp_path, result, hold=hold), strict=True
+            (read_table, read_input_file), export(result, tmp_path, hold=hold), strict=True
         )
     )
     n = network.num_crossovers_owned
@@ -108,7 +108,7 @@ def test_one_cell_by_hand(tmp_path):
     """A square of Table 1's cloth, 2 x 2 crossovers, sheared by 30 degrees: numbers by hand."""
     shear = np.array([[1.0, 0.5], [0.0, np.sqrt(0.75)]])  # warp stays, weft turns to 60 degrees
     network = square(1)
-    csv_file, inp = export_state(tmp_path, moved(network, shear))
+    csv_file, inp = export(moved(network, shear), tmp_path)
     with csv_file.open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4
@@ -143,7 +143,7 @@ def test_which_cells(tmp_path):
 
     def elements(*holes):
         folder = tmp_path / str(len(list(tmp_path.iterdir())))
-        deck = read_input_file(export_state(folder, moved(square(2, holes), np.eye(2)))[1])
+        deck = read_input_file(export(moved(square(2, holes), np.eye(2)), folder)[1])
         assert all(deck.kind[e] == ("S4R" if len(c) == 4 else "S3R")
                    for e, c in deck.element.items())  # fmt: skip
         return [deck.element[e] for e in sorted(deck.element)]
@@ -165,7 +165,7 @@ def test_picture_frame(tmp_path):
     network = square(6)
     result = PictureFrame(network, angle=["20 deg", "40 deg"], finite=True).solve()
     for index, degrees in ((0, 20.0), (-1, 40.0)):
-        paths = result.export(tmp_path, index)
+        paths = export(result, tmp_path, index)
         table, deck = read_table(paths[0]), read_input_file(paths[1])
         # Newton stops at 1e-8 or so of the forces.
         np.testing.assert_allclose(table["shear_deg"], degrees, rtol=1e-6)
@@ -195,7 +195,7 @@ def pulled():
 
 def test_bias_extension(tmp_path, pulled):
     """Elements fit what the crossovers say, lie in their zones, and conserve the cloth's volume."""
-    paths = pulled.export(tmp_path)
+    paths = export(pulled, tmp_path)
     table, deck = read_table(paths[0]), read_input_file(paths[1])
     np.testing.assert_allclose(
         table["shear_deg"], np.rad2deg(pulled.fields["shear_angle"]), **DIGITS
@@ -235,7 +235,7 @@ def test_bias_extension(tmp_path, pulled):
 def test_meshio_reads_it(tmp_path, pulled):
     """A reader that others have written finds the same mesh."""
     meshio = pytest.importorskip("meshio")
-    path = pulled.export(tmp_path)[1]
+    path = export(pulled, tmp_path)[1]
     mesh, deck = meshio.read(path), read_input_file(path)
     np.testing.assert_array_equal(mesh.points, list(deck.node.values()))
     for kind, cells in mesh.cells_dict.items():
@@ -250,7 +250,7 @@ def test_fabric_without_the_data(tmp_path):
     bare = replace(WEIGHED, areal_density=None, fibre_density=None, thickness=None,
                    name="two\nlines, ü")  # fmt: skip
     network = square(2, fabric=bare)
-    paths = export_state(tmp_path, moved(network, GRADIENT))
+    paths = export(moved(network, GRADIENT), tmp_path)
     with paths[0].open() as file:
         for row in csv.DictReader(file):
             empty = [name for name, value in row.items() if value == ""]
@@ -268,7 +268,7 @@ def test_fabric_without_the_data(tmp_path):
 def test_crossovers_that_carry_nothing(tmp_path):
     """They turn with their arms, and are in no element."""
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
-    paths = export_state(tmp_path, moved(square(2), turn, loose=[8]))
+    paths = export(moved(square(2), turn, loose=[8]), tmp_path)
     table, deck = read_table(paths[0]), read_input_file(paths[1])
     np.testing.assert_allclose(table["warp_y"], 1.0, **DIGITS)
     np.testing.assert_allclose(table["weft_x"], -1.0, **DIGITS)
@@ -285,7 +285,7 @@ def test_directions_are_means_over_the_quadrants_that_carry(tmp_path):
     for row, quadrant in ((0, 0), (1, 1)):
         result.supports.quadrant_area[row] = np.eye(4)[quadrant]
         result.fields["arm_rotation"][network.boundary_crossovers[row]] = turn
-    table = read_table(result.export(tmp_path)[0])
+    table = read_table(export(result, tmp_path)[0])
     for row, warp in ((0, 10.0), (1, 30.0)):
         k = network.boundary_crossovers[row]
         angle = np.rad2deg(np.arctan2(table["warp_y"][k], table["warp_x"][k]))
@@ -296,7 +296,7 @@ def test_directions_are_means_over_the_quadrants_that_carry(tmp_path):
 def test_small_displacements(tmp_path):
     """The same columns, to first order."""
     result = BiasExtension(square(6), extension="0.1 mm").solve()
-    table = read_table(result.export(tmp_path)[0])
+    table = read_table(export(result, tmp_path)[0])
     shear = result.fields["shear_angle"]
     np.testing.assert_allclose(table["shear_deg"], np.rad2deg(shear), **DIGITS)
     strain = result.fields["warp_strain"] + result.fields["weft_strain"]
@@ -318,7 +318,7 @@ def test_network_without_cells(tmp_path):
     preform = Preform.rectangle("4.2 mm", "4.2 mm", "0 deg")
     network = Network(COMM, preform, WEIGHED)
     assert network.num_crossovers_global == 1
-    paths = export_state(tmp_path, moved(network, GRADIENT))
+    paths = export(moved(network, GRADIENT), tmp_path)
     assert len(read_table(paths[0])["crossover"]) == 1
     assert read_input_file(paths[1]).element == {}
 
@@ -343,16 +343,16 @@ def test_case_file(tmp_path, exports):
 def test_mistakes(tmp_path):
     result = moved(square(1), np.eye(2))
     with pytest.raises(InputError, match='hold must be "fibre volume fraction" or "thickness"'):
-        result.export(tmp_path, hold="mass")
+        export(result, tmp_path, hold="mass")
     for index in (1, -2):
         with pytest.raises(InputError, match=f"there are 1 states, index {index} is not one"):
-            result.export(tmp_path, index)
+            export(result, tmp_path, index)
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="a file is in its way"):
-        result.export(tmp_path / "file")
+        export(result, tmp_path / "file")
     (tmp_path / "preform.inp").mkdir()
     with pytest.raises(InputError, match='preform.inp" cannot be written: a folder has that name'):
-        result.export(tmp_path)
+        export(result, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "crossovers.csv", "file", "preform.inp",
     ]  # fmt: skip

@@ -3,6 +3,8 @@
 
 import json
 import logging
+import os
+import subprocess
 
 import numpy as np
 import pytest
@@ -10,9 +12,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, Preform
-from cruciform_petsc.output import scene
-from cruciform_petsc.output.figures import to_lattice
-from cruciform_petsc.output.pictures import _angle_colours
+from cruciform_petsc.output import figures, pictures, scene
 from cruciform_petsc.output.sample import sample_yarns
 from cruciform_petsc.run import run_case
 
@@ -26,32 +26,38 @@ def result():
     return BiasExtension(network, "4 mm", finite=True).solve()
 
 
+def yarn_lines(result, limit):
+    """The sample, and its lines as drawn, of a cloth of 1 mm."""
+    sample = sample_yarns(result.network, result.node_displacement, result.fields, limit)
+    scale = pictures.colour_scale([sample.values])
+    return sample, scene.yarn_lines(sample, 1e-3, scale)
+
+
 @pytest.mark.parametrize("limit", [3000, 20])
 def test_plain_weave(result, limit):
-    """At every crossover one family is above, neighbours alternate; no tube leaves the cloth."""
-    sample = sample_yarns(result.network, result.node_displacement, result.fields, limit)
+    """At every crossover one family is above, neighbours alternate; no yarn leaves the cloth."""
+    sample, drawn = yarn_lines(result, limit)
+    place = sample.lattice / sample.every
     assert (sample.every > 1) == (limit == 20)
-    lattice = to_lattice(result.network)
-    place = (sample.before @ lattice[:, :2].T + lattice[:, 2]) / sample.every
-    colours = _angle_colours([sample.shear_angle_deg])
-    tubes = scene._yarns(sample, lattice, 1e3 * sample.spacing, 1.0, colours)
+    # Half a cloth of 1 mm, more where it has sheared by up to 40 degrees.
+    assert (abs(drawn["lines"][:, 2]) + drawn["half"][:, 1]).max() <= 0.5e-3 / np.cos(np.pi / 4)
+    # Where the cloth shears, a yarn is as much thicker as it is narrower.
+    area = drawn["half"].prod(axis=1)
+    assert area == pytest.approx(np.full(len(area), area[0]))
     above = {}
-    for rows, (points, normals, quads, shades) in zip(
-        np.split(np.arange(len(place)), sample.first[1:]), tubes, strict=True
+    for rows, line in zip(
+        np.split(np.arange(len(place)), sample.first[1:]),
+        np.split(drawn["lines"], drawn["first"][1:]),
+        strict=True,
     ):
-        assert len(points) == len(normals) == len(shades)
-        assert quads.max() < len(points)
-        assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-        # Half a cloth of 1 mm, more where it has sheared by up to 40 degrees.
-        assert abs(points[:, 2]).max() <= 0.5 / np.cos(np.deg2rad(45.0))
         family = sample.family[rows[0]]
         for row in rows:
             i, j = place[row]
             if abs(i - round(i)) + abs(j - round(j)) > 1e-6:
                 continue  # between two crossovers
-            off = np.linalg.norm(points[:, :2] - 1e3 * sample.after()[row], axis=1)
-            height = points[off < 0.3 * scene.WIDTH * 1e3 * sample.spacing, 2].mean()
-            above[family, round(i), round(j)] = height > 0.0
+            off = np.linalg.norm(line[:, :2] - sample.after[row], axis=1)
+            assert off.min() < 0.1 * sample.spacing
+            above[family, round(i), round(j)] = line[off.argmin(), 2] > 0.0
     crossed = [key[1:] for key in above if key[0] == 0 and (1, *key[1:]) in above]
     assert len(crossed) > 3
     for i, j in crossed:
@@ -59,9 +65,42 @@ def test_plain_weave(result, limit):
         assert above[0, i, j] == ((i + j) % 2 == 0)
 
 
+def test_tubes():
+    """Two yarns along x: sections are ellipses about their lines, in the colours of these."""
+    pytest.importorskip("pyvista")
+    from cruciform_petsc.output import render
+
+    x, wave, y = np.linspace(0.0, 1.0, 5), np.array([0.1, 0.0, -0.1, 0.0, 0.1]), (0.0, 3.0)
+    half = np.column_stack([np.linspace(0.3, 0.2, 5), np.linspace(0.1, 0.15, 5)])
+    lines = np.concatenate([np.column_stack([x, np.full(5, at), wave]) for at in y])
+    shades = np.arange(30, dtype=np.uint8).reshape(10, 3)
+    mesh = render.tubes(lines, np.array([0, 5]), np.tile(half, (2, 1)), shades)
+    assert mesh.bounds[:2] == pytest.approx((0.0, 1.0))
+    for row, (centre, (wide, high)) in enumerate(zip(lines, np.tile(half, (2, 1)), strict=True)):
+        own = (abs(mesh.points[:, :2] - centre[:2]) < [1e-6, 1.0]).all(axis=1)
+        assert own.sum() >= render.AROUND
+        _, across, up = (mesh.points[own] - centre).T
+        assert (across / wide) ** 2 + (up / high) ** 2 == pytest.approx(
+            np.ones(own.sum()), rel=1e-5
+        )
+        assert np.ptp(across) == pytest.approx(2.0 * wide, rel=1e-5)
+        assert (mesh["shades"][own] == shades[row]).all()
+
+
+def test_bar():
+    """A prism over its corners, half of it below the cloth."""
+    pytest.importorskip("pyvista")
+    from cruciform_petsc.output import render
+
+    corners = np.array([[0.0, 0.0], [4.0, 3.0], [3.4, 3.8], [-0.6, 0.8]])
+    prism = render.bar(corners, 0.5)
+    assert prism.area == pytest.approx(2.0 * 5.0 + 2.0 * (5.0 + 1.0) * 0.5)
+    assert prism.bounds == pytest.approx((-0.6, 4.0, 0.0, 3.8, -0.25, 0.25))
+
+
 def test_picture(result, tmp_path):
     """White margins, and yarns of all angles from dark blue to yellow."""
-    result.scene(tmp_path / "scene.png")
+    figures.scene(result, tmp_path / "scene.png")
     image = imread(tmp_path / "scene.png")[..., :3]
     assert max(image.shape[:2]) > 1000
     assert image[0].min() == 1.0
@@ -69,6 +108,24 @@ def test_picture(result, tmp_path):
     blues, yellows = (blue > 0.3) & (red < 0.2), (red > 0.8) & (green > 0.6) & (blue < 0.4)
     assert 0.02 < blues.mean() < 0.3
     assert 0.002 < yellows.mean() < 0.1
+
+
+def test_no_display(result, tmp_path, monkeypatch):
+    """None is needed, and the one that is made in memory is gone afterwards."""
+    monkeypatch.delenv("DISPLAY", raising=False)
+    started = []
+
+    class Kept(subprocess.Popen):
+        def __init__(self, command, **options):
+            super().__init__(command, **options)
+            started.append(self)
+
+    monkeypatch.setattr(scene.subprocess, "Popen", Kept)
+    figures.scene(result, tmp_path / "scene.png")
+    assert (tmp_path / "scene.png").exists()
+    assert started
+    assert all(process.poll() is not None for process in started)
+    assert "DISPLAY" not in os.environ
 
 
 @pytest.mark.parametrize("can", [True, False])
@@ -93,5 +150,18 @@ def test_nothing_can_render(result, tmp_path, monkeypatch):
     """One sentence, and no picture left behind."""
     monkeypatch.setattr(scene.sys, "executable", "/bin/false")
     with pytest.raises(InputError, match="needs PyVista and a VTK that draws without a display"):
-        result.scene(tmp_path / "scene.png")
+        figures.scene(result, tmp_path / "scene.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_vtk_aborts(result, tmp_path, monkeypatch):
+    """Nor does the run end where there is no Xvfb and VTK knows nothing but X."""
+    pytest.importorskip("vtkmodules.vtkRenderingOpenGL2")
+    from vtkmodules.vtkRenderingCore import vtkRenderWindow
+
+    if "X" not in type(vtkRenderWindow()).__name__:
+        pytest.skip("this VTK can do without X")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr(scene.shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match="and here it does not: .*X"):
+        figures.scene(result, tmp_path / "scene.png")

@@ -6,11 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
+from cruciform_petsc.equilibrium.finite import FiniteNetwork
 from mpi4py import MPI
-from test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
+from output.test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
 
 from cruciform_petsc.case.schema import Case
-from cruciform_petsc.equilibrium.finite import FiniteNetwork
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network

@@ -8,6 +8,7 @@ from support.exported import WEIGHED, moved, read_input_file, read_table
 from support.helpers import holed
 
 from cruciform_petsc import BiasExtension, InputError, Network, Preform
+from cruciform_petsc.output.exports import export
 from cruciform_petsc.output.ordered import in_order, write_pieces
 
 COMM = MPI.COMM_WORLD
@@ -24,12 +25,12 @@ def solved(comm):
 def test_rows_do_not_depend_on_the_ranks(tmp_path):
     """The same rows in the same order, and the same elements under the same numbers."""
     result = solved(COMM)
-    files = result.export(tmp_path / "many")
+    files = export(result, tmp_path / "many")
     assert COMM.allgather(files) == [files] * COMM.size
     alone = solved(MPI.COMM_SELF)
     if COMM.rank > 0:
         return
-    one = alone.export(tmp_path / "one")
+    one = export(alone, tmp_path / "one")
     assert sorted(path.name for path in files[0].parent.iterdir()) == [
         "crossovers.csv", "preform.inp",
     ]  # fmt: skip
@@ -63,20 +64,20 @@ def test_rows_do_not_depend_on_the_ranks(tmp_path):
 def test_cells_across_ranks(tmp_path):
     """An affine motion is one on every element, also of those between ranks."""
     network = Network(COMM, holed(0.03, 0.05, 0.006, np.deg2rad(40.0)), WEIGHED)
-    path = moved(network, GRADIENT).export(tmp_path)[1]
+    path = export(moved(network, GRADIENT), tmp_path)[1]
     if COMM.rank == 0:
         deck = read_input_file(path)
         thick = list(deck.distribution["THICKNESS"].values())[1:]
         np.testing.assert_allclose(thick, 0.5 / np.linalg.det(GRADIENT), rtol=1e-8)
         alone = Network(MPI.COMM_SELF, network.preform, WEIGHED)
-        path = moved(alone, GRADIENT).export(tmp_path / "alone")[1]
+        path = export(moved(alone, GRADIENT), tmp_path / "alone")[1]
         assert read_input_file(path).element == deck.element
 
 
 def test_ranks_without_crossovers(tmp_path):
     network = Network(COMM, Preform.rectangle("4.2 mm", "4.2 mm", "0 deg"), WEIGHED)
     assert network.num_crossovers_global == 1
-    files = moved(network, GRADIENT).export(tmp_path)
+    files = export(moved(network, GRADIENT), tmp_path)
     if COMM.rank == 0:
         assert len(read_table(files[0])["crossover"]) == 1
         assert read_input_file(files[1]).element == {}

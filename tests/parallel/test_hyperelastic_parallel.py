@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.continuum import HyperelasticMembrane
+from cruciform_petsc.continuum.hyperelastic import HyperelasticMembrane
 from cruciform_petsc.errors import SolverError
 
 COMM = MPI.COMM_WORLD

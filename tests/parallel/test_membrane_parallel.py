@@ -14,7 +14,10 @@ from petsc4py import PETSc
 
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.continuum import Membrane, compare_fields, evaluate, outline_mesh
+from cruciform_petsc.continuum.compare import compare_fields
+from cruciform_petsc.continuum.membrane import Membrane
+from cruciform_petsc.continuum.mesh import outline_mesh
+from cruciform_petsc.continuum.points import evaluate
 from cruciform_petsc.errors import InputError, SolverError
 
 COMM = MPI.COMM_WORLD

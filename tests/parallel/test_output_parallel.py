@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
-from test_output import read_vtkhdf, times_of
+from support.vtkhdf import read_vtkhdf, times_of
 
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.experiments.result import State
-from cruciform_petsc.output import pictures
-from cruciform_petsc.output.paraview import ENERGIES, write_network, write_series
+from cruciform_petsc.experiments.result import State, TestResult
+from cruciform_petsc.output import figures, pictures
+from cruciform_petsc.output.paraview import ENERGIES, write, write_series, write_state
 from cruciform_petsc.output.sample import sample_map, sample_yarns
 from cruciform_petsc.output.tables import write_csv, write_json
+from cruciform_petsc.quantities import EXTENSION
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
@@ -49,7 +50,7 @@ def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone, together, monke
     monkeypatch.setattr(h5py, "get_config", lambda: SimpleNamespace(mpi=together))
     path = tmp_path / f"network-{together}.vtkhdf"
     network = result.network
-    write_network(path, network, result.node_displacement, result.fields, {"ranks": COMM.size})
+    write_state(path, result, {"ranks": COMM.size})
     ghosts = network.comm.allreduce(network.num_nodes_local - network.num_nodes_owned)
     if COMM.rank > 0:
         return
@@ -98,10 +99,10 @@ def test_vtk_reads_a_series_of_the_ranks(tmp_path, together, monkeypatch):
     network = Network(COMM, Preform.rectangle("40 mm", "80 mm", "45 deg"), TABLE_1)
     result = BiasExtension(network, ["2 mm", "6 mm"], finite=True).solve()
     path = COMM.bcast(tmp_path) / "series.vtkhdf"
-    result.write(path)
+    write(result, path)
     single = path.with_name("single.vtkhdf")
-    for time, state in zip((2.0, 6.0), result.states, strict=True):
-        write_network(single, network, state.node_displacement, state.fields)
+    for index, time in enumerate((2.0, 6.0)):
+        write_state(single, result, index=index)
         if COMM.rank == 0:
             assert times_of(path) == pytest.approx((0.0, 2.0, 6.0))
             of_series, of_single = read_vtkhdf(path, time), read_vtkhdf(single)
@@ -127,10 +128,11 @@ def test_ranks_without_crossovers(tmp_path):
     fields["carrying"] = np.ones(n, bool)
     moved = np.zeros((network.num_nodes_local, 2))
     path = tmp_path / "one.vtkhdf"
-    write_network(path, network, moved, fields)
+    experiment = SimpleNamespace(network=network, column=EXTENSION)
+    states = [State(0.001 * i, 0.0, fields, moved + 0.001 * i) for i in (0, 1, 2)]
+    write_state(path, TestResult(experiment, None, 2, states), index=0)
     series = tmp_path / "series.vtkhdf"
-    states = [State(0.001 * i, 0.0, fields, moved + 0.001 * i) for i in (1, 2)]
-    write_series(series, network, states, ("extension_mm", 1e-3))
+    write_series(series, TestResult(experiment, None, 2, states[1:]))
     yarns = sample_yarns(network, moved, fields)
     cells = sample_map(network, {"shear": fields["shear_angle"]})
     if COMM.rank == 0:
@@ -163,8 +165,8 @@ def test_samples_do_not_depend_on_the_ranks(result, alone, limit):
     np.testing.assert_array_equal(many.first, one.first)
     np.testing.assert_array_equal(many.family, one.family)
     np.testing.assert_allclose(many.before, one.before, atol=1e-12)
-    np.testing.assert_allclose(many.displacement, one.displacement, atol=1e-10)
-    np.testing.assert_allclose(many.shear_angle_deg, one.shear_angle_deg, atol=1e-5)
+    np.testing.assert_allclose(many.after, one.after, atol=1e-10)
+    np.testing.assert_allclose(many.values, one.values, atol=1e-5)
     many, one = maps
     np.testing.assert_allclose(many.centre, one.centre, atol=1e-12)
     np.testing.assert_array_equal(many.at_outline, one.at_outline)
@@ -175,20 +177,21 @@ def test_samples_do_not_depend_on_the_ranks(result, alone, limit):
 def test_errors_reach_every_rank(tmp_path, result):
     """No rank waits for one that could not write."""
     path = tmp_path / "none" / "x"
-    for write in (
-        lambda: write_network(path, result.network, result.node_displacement, result.fields),
+    for attempt in (
+        lambda: write_state(path, result),
         lambda: write_csv(COMM, path, {"a": [1]}),
         lambda: write_json(COMM, path, {"a": 1}),
-        lambda: pictures.load_against_extension(COMM, path, [1.0], [1.0]),
+        lambda: pictures.save(COMM, path, pictures.curves, {"a": ([1.0], [1.0])}, ("x", "y")),
     ):
         with pytest.raises(InputError, match="cannot be written: No such file"):
-            write()
+            attempt()
 
 
 def test_pictures_need_their_data_on_rank_0_only(tmp_path, result):
     sample = sample_yarns(result.network, result.node_displacement, result.fields)
     shear = sample_map(result.network, {"network": result.fields["shear_angle"]})
-    pictures.yarns_before_and_after(COMM, tmp_path / "yarns.png", sample)
-    pictures.shear_maps(COMM, tmp_path / "map.png", shear, ("network",))
-    for name in ("yarns.png", "map.png"):
-        assert (tmp_path / name).stat().st_size > 10_000
+    pictures.save(COMM, tmp_path / "yarns.png", pictures.yarns, [("", sample, [])])
+    pictures.save(COMM, tmp_path / "map.png", pictures.maps, shear)
+    figures.scene(result, tmp_path / "scene.png")
+    for name in ("yarns.png", "map.png", "scene.png"):
+        assert (tmp_path / name).exists()

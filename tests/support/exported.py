@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from cruciform_petsc.experiments.result import State, TestResult
+from cruciform_petsc.quantities import EXTENSION
 from support.helpers import TABLE_1
 
 # 0.4608 of the volume is fibres.
@@ -86,7 +87,5 @@ def moved(network, gradient, loose=()) -> TestResult:
     }
     fields |= {f"{f}_tension": 1e3 * fields[f"{f}_strain"] for f in ("warp", "weft")}
     state = State(1e-3, 0.0, fields, network.node_position @ (gradient - np.eye(2)).T)
-    experiment = SimpleNamespace(
-        network=network, kind="affine", column=("extension_mm", 1e-3), has_zones=False
-    )
+    experiment = SimpleNamespace(network=network, kind="affine", column=EXTENSION, has_zones=False)
     return TestResult(experiment, supports, 2, [state])
