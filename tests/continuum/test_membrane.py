@@ -18,7 +18,7 @@ from cruciform_petsc.continuum.compare import compare_fields
 from cruciform_petsc.continuum.domain import default_size
 from cruciform_petsc.continuum.membrane import Membrane
 from cruciform_petsc.continuum.mesh import grade_mesh, outline_mesh
-from cruciform_petsc.continuum.points import evaluate, triangle_distance
+from cruciform_petsc.continuum.points import evaluate
 from cruciform_petsc.errors import InputError, SolverError
 
 COMM = MPI.COMM_SELF
@@ -376,22 +376,6 @@ def test_failure_to_converge_is_an_error(options):
 
 
 # -- fields at points ---------------------------------------------------------------------------
-
-
-def test_triangle_distance():
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    cases = [
-        ((0.2, 0.2), 0.0),
-        ((0.5, 0.5), 0.0),
-        ((0.3, -0.2), 0.2),
-        ((-3.0, -4.0), 5.0),
-        ((1.0, 1.0), 0.5**0.5),
-        ((2.0, 0.0), 1.0),
-    ]
-    points = np.array([point for point, _ in cases])
-    for order in ([0, 1, 2], [0, 2, 1]):
-        found = triangle_distance(points, np.tile(corners[order], (len(points), 1, 1)))
-        assert np.allclose(found, [distance for _, distance in cases], atol=1e-15)
 
 
 def test_evaluate_takes_the_mean_of_the_triangles_that_meet():
