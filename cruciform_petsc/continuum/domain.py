@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from ..errors import InputError
 from ..solvers import linear
-from .mesh import edge_ends, grade_mesh, outline_mesh, with_shared_facets
+from .mesh import edge_ends, outline_mesh
 from .points import evaluate
 
 # Triangles that rank 0 may make; a finer mesh is that of all ranks, by refinement.
@@ -116,9 +116,8 @@ class MembraneDomain:
         self.singular_points = np.concatenate([singular_points(preform), ends_between])
         triangles = 4 * outline.area / self.size**2
         levels = max(0, int(np.ceil(np.log2(triangles / MAX_TRIANGLES_RANK_0) / 2)))
-        mesh = outline_mesh(comm, outline, self.size, levels)
-        mesh = grade_mesh(mesh, self.singular_points, GRADING_RADIUS * self.width, grading)
-        self.mesh = with_shared_facets(mesh) if share_facets else mesh
+        singular = (self.singular_points, GRADING_RADIUS * self.width, grading)
+        self.mesh = outline_mesh(comm, outline, self.size, levels, singular, share_facets)
         self.space = dolfinx.fem.functionspace(self.mesh, ("Lagrange", degree, (2,)))
         index_map = self.space.dofmap.index_map
         self.num_nodes_owned = index_map.size_local
