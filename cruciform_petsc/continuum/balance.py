@@ -15,7 +15,7 @@ and forms compiled once do the rest, whatever the laws (measures and energy: fib
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import basix
@@ -180,9 +180,9 @@ class Balance:
     def _at_points(self, expression: dolfinx.fem.Expression) -> np.ndarray:
         """Values (cells, points, 3) at the quadrature points."""
         shape = (*self._weight.shape, 3)
-        if len(self._cells) == 0:
-            return np.zeros(shape)
-        return np.reshape(expression.eval(self.membrane.mesh, self._cells), shape)
+        none = len(self._cells) == 0
+        values = np.zeros(0) if none else expression.eval(self.membrane.mesh, self._cells)
+        return np.reshape(values, shape)
 
     def _put(self, function: dolfinx.fem.Function, values: np.ndarray) -> None:
         function.x.array.reshape(-1, values.shape[-1])[self._slot] = values
@@ -315,83 +315,74 @@ class Balance:
         gap = np.where(self.fixed.ravel(), moved - self.u.x.array, 0.0)
         self.turn_clamps(motions)
         try:
-            predicted = self._predict(gap)
-            if predicted is None:
+            if not self._follow(gap):
                 return False
             moved = self.u.x.array.copy()
-            if self._newton(predicted):
+            if self._iterate(MAX_MIXED, self._mixed_step):
                 return True
             self.u.x.array[:] = moved
-            return self.update() and self._descend()
+            return self.update() and self._iterate(MAX_DESCENT, self._descend)
         except SolverError:
             return False
 
-    def _predict(self, gap: np.ndarray) -> np.ndarray | None:
-        """Move along the tangent as the prescribed components do by `gap`; the stress predicted."""
+    def _follow(self, gap: np.ndarray) -> bool:
+        """Move along the tangent as the prescribed components do by `gap`."""
         self._step.x.array[:] = gap
         self._set_up(self.assemble())
         # Also if not in balance yet, for the directions of fibres turn with their clamps.
         force = self.force() + self.membrane.nodal_forces(self._times_step)
         return self._go(self._solve(force) + gap, 1.0)
 
-    def _go(self, step: np.ndarray, least: float) -> np.ndarray | None:
-        """Add a step, or a part down to `least`; the stress that the tangent predicts, or None."""
+    def _go(self, step: np.ndarray, least: float) -> bool:
+        """Add a step, or a part down to `least`, and predict the stress by the tangent."""
         self._step.x.array[:] = step
         change = times(self.moduli, self._at_points(self._changes))
         base, stress, fraction = self.u.x.array.copy(), self.stress, 1.0
         while fraction >= least:
             if self._move(base, step, fraction):
-                return stress + fraction * change
+                self._predicted = stress + fraction * change
+                return True
             fraction *= 0.5
-        return None
+        return False
 
     def _move(self, base: np.ndarray, step: np.ndarray, fraction: float) -> bool:
         self.u.x.array[:] = base + fraction * step
         return self.update()
 
-    def _newton(self, predicted: np.ndarray | None) -> bool:
-        """Mixed Newton steps with the prescribed components in place; whether they converged."""
+    def _iterate(self, limit: int, take_step: Callable[[np.ndarray], bool]) -> bool:
+        """Take steps, each from the force out of balance, until there is none; if that comes."""
         self.history = []
-        for iteration in range(MAX_MIXED + 1):
+        for _ in range(limit):
             force = self.force()
             if self._is_balanced(force):
                 return True
-            stuck = iteration > 4 and self.history[-1] > self.history[-4]
-            if stuck or iteration == MAX_MIXED:
+            if not take_step(force):
                 return False
-            self._set_up(self.assemble(predicted))
-            predicted = self._go(self._solve(force), 0.1)
-            if predicted is None:
-                return False
-        return False
+        return self._is_balanced(self.force())
 
-    def _descend(self) -> bool:
-        """Newton steps that bring the energy down; whether they converged."""
-        self.history = []
-        for iteration in range(MAX_DESCENT + 1):
-            force = self.force()
-            if self._is_balanced(force):
+    def _mixed_step(self, force: np.ndarray) -> bool:
+        if len(self.history) > 5 and self.history[-1] > self.history[-4]:
+            return False
+        self._set_up(self.assemble(self._predicted))
+        return self._go(self._solve(force), 0.1)
+
+    def _descend(self, force: np.ndarray) -> bool:
+        """Go along a Newton step as far as the energy falls."""
+        self._set_up(self.assemble())
+        if self._is_definite() is False:  # iterations fail by themselves
+            self._set_up(
+                self.assemble(*convex_part(self.membrane.fabric, self.stress, self.moduli))
+            )
+        step = self._solve(force)
+        free = ~self.fixed[: len(force)]
+        slope = (force * step.reshape(-1, 2)[: len(force)])[free].sum()
+        slope = self.comm.allreduce(float(slope))
+        energy, base, fraction = self.energies.sum(), self.u.x.array.copy(), 1.0
+        while slope < 0.0 and fraction >= 1e-6:
+            most = energy + 1e-4 * fraction * slope + 1e-13 * energy
+            if self._move(base, step, fraction) and self.energies.sum() <= most:
                 return True
-            if iteration == MAX_DESCENT:
-                return False
-            self._set_up(self.assemble())
-            if self._is_definite() is False:  # iterations fail by themselves
-                convex = convex_part(self.membrane.fabric, self.stress, self.moduli)
-                self._set_up(self.assemble(*convex))
-            step = self._solve(force)
-            free = ~self.fixed[: len(force)]
-            slope = (force * step.reshape(-1, 2)[: len(force)])[free].sum()
-            slope = self.comm.allreduce(float(slope))
-            if not slope < 0.0:
-                return False
-            energy, base, fraction = self.energies.sum(), self.u.x.array.copy(), 1.0
-            while not (
-                self._move(base, step, fraction)
-                and self.energies.sum() <= energy + 1e-4 * fraction * slope + 1e-13 * energy
-            ):
-                fraction *= 0.5
-                if fraction < 1e-6:
-                    return False
+            fraction *= 0.5
         return False
 
     def _is_balanced(self, force: np.ndarray) -> bool:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -56,36 +57,33 @@ class MembraneDomain:
     Parameters
     ----------
     comm : mpi4py communicator
-    preform
-        Has `outline` (shapely Polygon), `warp_direction` and `weft_direction` (unit vectors at
-        right angles, the weft 90 degrees ahead), `edge(name)` (segments (n, 2, 2)) and, where an
-        edge ends between corners, `edges` (a mapping of all of them).
-    fabric
-        Has `c11`, `c22` and `shear_modulus` in N/m, for the mesh size.
+    preform : Preform
+        Its `outline`, `warp_direction`, `weft_direction`, `edge(name)` and, if it has them,
+        `edges`, which may end between corners of the outline.
+    fabric : Fabric
+        Its `c11`, `c22` and `shear_modulus`, for the mesh size.
     size : float, optional
         Mesh size in metres; by default `default_size`.
     degree : int
         Of the Lagrange elements.
     grading : int
-        How often the mesh size is halved towards the ends of the edges "lower" and "upper" and
-        towards re-entrant corners, where the strains are singular; 0 for a uniform mesh.
+        How often the mesh size is halved towards `singular_points`; 0 for a uniform mesh.
     share_facets : bool
-        Ranks know the triangles beside theirs, for integrals over the mesh's inner edges.
+        See `outline_mesh`.
 
     Attributes
     ----------
-    mesh : dolfinx.mesh.Mesh
-    space : dolfinx.fem.FunctionSpace
+    mesh, space : dolfinx's mesh and displacement space
     size, width : float
-        Metres; of the outline see `outline_width`.
+        Of the triangles, and of the outline (`outline_width`), metres.
     nodes : float (n_local, 2)
         Of this rank, owned ones first, then ghosts; metres.
     num_nodes_owned : int
-    directions : tuple of two dolfinx.fem.Constant
+    directions : two dolfinx.fem.Constant
         Of warp and weft at rest.
     singular_points : float (n, 2)
-        Ends of the edges "lower" and "upper", re-entrant corners, and ends of edges between two
-        corners, metres.
+        Where strains are singular: ends of the edges "lower" and "upper" and of edges that end
+        between corners, and re-entrant corners; metres.
     cells, dofs : int
         Global numbers of triangles and unknowns.
 
@@ -143,16 +141,12 @@ class MembraneDomain:
     # -- edges ----------------------------------------------------------------------------------
 
     def edge_facets(self, name: str) -> np.ndarray:
-        """Boundary facets of the mesh on an edge of the preform, those of this rank. Collective.
+        """Facets of this rank on an edge of the preform. Collective.
 
-        Raises
-        ------
-        InputError
-            On every rank, if facets do not cover the edge.
+        Raises InputError on every rank if facets do not cover the edge.
         """
         if name not in self._edges:
-            edge = shapely.multilinestrings(np.reshape(self.preform.edge(name), (-1, 2, 2)))
-            self._edges[name] = self._find_facets(name, edge)
+            self._edges[name] = self._find_facets(name, _edge(self.preform, name))
         return self._edges[name]
 
     def _find_facets(self, name: str, edge: shapely.MultiLineString) -> np.ndarray:
@@ -216,9 +210,9 @@ class MembraneDomain:
         first = corners[(corners[:, 1] + 1e-3 * corners[:, 0]).argmin()]
         second = corners[np.linalg.norm(corners - first, axis=1).argmax()]
         across = int(abs(second - first).argmin())
-        for corner, component in ((first, 0), (first, 1), (second, across)):
-            off = np.linalg.norm(self.nodes - corner, axis=1)
-            fixed[off <= _on_outline(self.preform.outline), component] = True
+        near = _on_outline(self.preform.outline)
+        fixed[np.linalg.norm(self.nodes - first, axis=1) <= near] = True
+        fixed[np.linalg.norm(self.nodes - second, axis=1) <= near, across] = True
 
     def conditions(self, fixed: np.ndarray) -> list[dolfinx.fem.DirichletBC]:
         """No change of the fixed components. Raises unless they rule out rigid motion. Collective.
@@ -229,23 +223,19 @@ class MembraneDomain:
         gram = self.comm.allreduce(held.T @ held)
         if np.linalg.eigvalsh(gram)[0] <= 1e-9 * max(np.trace(gram), 1.0):
             raise InputError("nothing holds the membrane: it can move as a rigid body")
-        return [
-            dolfinx.fem.dirichletbc(
-                PETSc.ScalarType(0.0),
-                (2 * np.flatnonzero(fixed[:, component]) + component).astype(np.int32),
-                self.space.sub(component),
-            )
-            for component in (0, 1)
-        ]
+        conditions = []
+        for component in (0, 1):
+            dofs = 2 * np.flatnonzero(fixed[:, component]).astype(np.int32) + component
+            space = self.space.sub(component)
+            conditions.append(dolfinx.fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space))
+        return conditions
 
     def rigid_modes(self) -> np.ndarray:
         """Return the rigid motions at this rank's nodes, (n_local, 2, 3), turn about the middle."""
         low, high = np.reshape(self.preform.outline.bounds, (2, 2))
-        x = (self.nodes - 0.5 * (low + high)) / (high - low).max()
-        modes = np.zeros((len(x), 2, 3))
-        modes[:, 0, 0] = modes[:, 1, 1] = 1.0
-        modes[:, 0, 2], modes[:, 1, 2] = -x[:, 1], x[:, 0]
-        return modes
+        x, y = (self.nodes - 0.5 * (low + high)).T / (high - low).max()
+        zero, one = np.zeros(len(x)), np.ones(len(x))
+        return np.moveaxis(np.array([[one, zero, -y], [zero, one, x]]), 2, 0)
 
     # -- linear algebra -------------------------------------------------------------------------
 
@@ -355,18 +345,10 @@ class MembraneFields:
         return strains
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields at points, each rank its own; see `points.evaluate`. Collective.
+        """Fields at points (n, 2), metres, each rank its own; see `points.evaluate`. Collective.
 
-        Parameters
-        ----------
-        points : float (n, 2)
-            Metres.
-
-        Returns
-        -------
-        dict
-            displacement (n, 2) in metres; warp_strain, weft_strain and shear_angle (n,), the last
-            in radians.
+        They are displacement (n, 2) in metres, warp_strain, weft_strain and shear_angle (n,), the
+        last in radians.
         """
         u, strain = evaluate(self.membrane.mesh, [self.displacement, self.strains], points)
         names = ("warp_strain", "weft_strain", "shear_angle")
@@ -404,14 +386,8 @@ def singular_points(preform: Any) -> np.ndarray:
     """Find the ends of the edges "lower" and "upper", and re-entrant corners, (n, 2)."""
     points = [np.empty((0, 2))]
     for name in ("lower", "upper"):
-        try:
-            ends = np.reshape(preform.edge(name), (-1, 2))
-        except InputError:  # not every outline has them
-            continue
-        _, first, count = np.unique(
-            np.round(ends, 12), axis=0, return_index=True, return_counts=True
-        )
-        points.append(ends[first[count == 1]])
+        with suppress(InputError):  # not every outline has them
+            points.append(shapely.get_coordinates(shapely.boundary(_edge(preform, name))))
     outline = shapely.geometry.polygon.orient(preform.outline)
     for ring in (outline.exterior, *outline.interiors):
         corner = shapely.get_coordinates(shapely.remove_repeated_points(ring))[:-1]
@@ -440,6 +416,10 @@ def split_outline(preform: Any) -> tuple[shapely.Polygon, np.ndarray]:
         rings.append(every[order])
         added.append(every[len(corners) :])
     return shapely.Polygon(rings[0], rings[1:]), np.concatenate(added)
+
+
+def _edge(preform: Any, name: str) -> shapely.MultiLineString:
+    return shapely.multilinestrings(np.reshape(preform.edge(name), (-1, 2, 2)))
 
 
 def _on_outline(outline: shapely.Polygon) -> float:

@@ -87,12 +87,9 @@ def resultants(fabric: Any, measures: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     Returns
     -------
-    energy : float (..., 2)
-        Of tension and of shear, J/m^2.
-    stress : float (..., 3)
-        Derivatives with respect to the measures, N/m.
-    moduli : float (..., 4)
-        Second derivatives: ww, ee, we, gamma gamma, N/m.
+    energy : float (..., 2), of tension and of shear, J/m^2
+    stress : float (..., 3), derivatives with respect to the measures, N/m
+    moduli : float (..., 4), second derivatives: ww, ee, we, gamma gamma, N/m
     """
     a, a1, a2 = fabric.effective_strain(measures[..., 0])
     b, b1, b2 = fabric.effective_strain(measures[..., 1])
@@ -101,16 +98,11 @@ def resultants(fabric: Any, measures: np.ndarray) -> tuple[np.ndarray, np.ndarra
     wb, wb1, wb2 = fabric.weft_tension.evaluate(b)
     shear, tau, shear_modulus = fabric.shear.evaluate(measures[..., 2])
     pull_a, pull_b = wa1 + c12 * b, wb1 + c12 * a
-    moduli = (
-        wa2 * a1**2 + pull_a * a2,
-        wb2 * b1**2 + pull_b * b2,
-        c12 * a1 * b1,
-        shear_modulus,
-    )
+    stiff_a, stiff_b = wa2 * a1**2 + pull_a * a2, wb2 * b1**2 + pull_b * b2
     return (
         np.stack([wa + wb + c12 * a * b, shear], axis=-1),
         np.stack([pull_a * a1, pull_b * b1, tau], axis=-1),
-        np.stack(moduli, axis=-1),
+        np.stack([stiff_a, stiff_b, c12 * a1 * b1, shear_modulus], axis=-1),
     )
 
 

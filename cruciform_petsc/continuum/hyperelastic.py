@@ -6,7 +6,7 @@ Its energy is told in fibres.py, how equilibrium is found in balance.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import dolfinx.fem
@@ -72,18 +72,11 @@ class HyperelasticMembrane(MembraneDomain):
         extensions: Sequence[float],
         upper: str = "grip",
         prefix: str = "membrane_",
-        report: Callable[[HyperelasticResult], None] | None = None,
     ) -> list[HyperelasticResult]:
         """Clamp the edge "lower" and pull the edge "upper" along y, step by step. Collective.
 
-        Parameters
-        ----------
-        extensions : sequence of float
-            Metres, in the order in which they are gone to; intermediate steps are taken as needed.
-        upper : {"grip", "centre-line"}
-            The upper edge keeps its x, or is free to move along x.
-        prefix, report
-            See solve_motions.
+        See Membrane.solve_bias_extension; `extensions` in metres, in the order in which they are
+        gone to. Intermediate steps are taken as needed.
         """
         component = check_upper(upper)
         motions: list[dict[str, Motion]] = [
@@ -93,13 +86,12 @@ class HyperelasticMembrane(MembraneDomain):
             }
             for extension in extensions
         ]
-        return self.solve_motions(motions, prefix, report)
+        return self.solve_motions(motions, prefix)
 
     def solve_motions(
         self,
         motions: Sequence[Mapping[str, Motion]],
         prefix: str = "membrane_",
-        report: Callable[[HyperelasticResult], None] | None = None,
     ) -> list[HyperelasticResult]:
         """Move edges like rigid or homogeneously deformed bodies, from rest. Collective.
 
@@ -108,17 +100,14 @@ class HyperelasticMembrane(MembraneDomain):
         motions : sequence of dict
             For each increment: edge name -> (A, b) for x = A X + b with A (2, 2), of positive
             determinant, and b (2,) in metres, or (A, b, component) where only that component is
-            prescribed. The same edges and components in all increments. Where edges meet, later
+            prescribed. The same edges and components in all increments; where edges meet, later
             ones win.
         prefix : str
             Of the PETSc options of the linear solver; defaults as in Membrane.solve.
-        report : callable, optional
-            Is given each result as soon as it is there.
 
         Returns
         -------
-        list of HyperelasticResult
-            One for each increment.
+        list of HyperelasticResult, one for each increment
 
         Raises
         ------
@@ -132,21 +121,19 @@ class HyperelasticMembrane(MembraneDomain):
         results: list[HyperelasticResult] = []
         if not motions:
             return results
-        targets = [{name: _affine(m) for name, m in increment.items()} for increment in motions]
-        components = [
+        targets = [{name: _affine(*m) for name, m in increment.items()} for increment in motions]
+        held, *others = (
             {name: motion[2] if len(motion) == 3 else None for name, motion in increment.items()}
             for increment in motions
-        ]
-        if any(each != components[0] for each in components):
+        )
+        if any(other != held for other in others):
             raise InputError("every increment must move the same edges in the same components")
-        balance = Balance(self, self.rigidity, components[0], prefix)
-        start = dict.fromkeys(components[0], np.eye(3))
+        balance = Balance(self, self.rigidity, held, prefix)
+        start = dict.fromkeys(held, np.eye(3))
         try:
             for number, target in enumerate(targets, 1):
                 balance.advance(start, target, number)
                 results.append(HyperelasticResult(self, balance))
-                if report is not None:
-                    report(results[-1])
                 start = target
         finally:
             balance.destroy()
@@ -184,12 +171,11 @@ class HyperelasticResult(MembraneFields):
         self.history = list(balance.history)
 
 
-def _affine(motion: Motion) -> np.ndarray:
+def _affine(gradient: Any, shift: Any, component: int | None = None) -> np.ndarray:
     """Matrix (3, 3) of the motion x = A X + b."""
-    gradient, shift = np.array(motion[0], float), np.array(motion[1], float)
-    component = motion[2] if len(motion) == 3 else None
+    gradient, shift = np.array(gradient, float), np.array(shift, float)
     if gradient.shape != (2, 2) or shift.shape != (2,) or component not in (None, 0, 1):
         raise InputError("the motion of an edge is (A (2, 2), b (2,)) and perhaps a component")
     if not np.linalg.det(gradient) > 0.0:
         raise InputError("the motion of an edge turns it inside out: A has no positive determinant")
-    return np.block([[gradient, shift[:, None]], [np.zeros((1, 2)), np.ones((1, 1))]])
+    return np.vstack([np.column_stack([gradient, shift]), [0.0, 0.0, 1.0]])

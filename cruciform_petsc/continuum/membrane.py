@@ -63,16 +63,9 @@ class Membrane(MembraneDomain):
     def solve_bias_extension(
         self, extension: float, upper: str = "grip", prefix: str = "membrane_"
     ) -> MembraneResult:
-        """Clamp the edge "lower" and pull the edge "upper" along y. Collective.
+        """Clamp the edge "lower" and pull the edge "upper" along y by metres. Collective.
 
-        Parameters
-        ----------
-        extension : float
-            Metres.
-        upper : {"grip", "centre-line"}
-            The upper edge keeps its x, or is free to move along x.
-        prefix : str
-            Of the PETSc options of the solver.
+        With upper = "grip" it keeps its x, with "centre-line" it is free to move along x.
         """
         component = check_upper(upper)
         pulled = (0.0, extension) if component is None else extension
@@ -96,8 +89,8 @@ class Membrane(MembraneDomain):
         tractions : sequence of (edge name, (tx, ty))
             Force per length of the edge, N/m.
         prefix : str
-            Of the PETSc options. Up to MAX_DOFS_DIRECT unknowns the defaults are DIRECT, beyond
-            it ITERATIVE (domain.py); the options database, command line included, wins over both.
+            Of the PETSc options; defaults: DIRECT up to MAX_DOFS_DIRECT, beyond it ITERATIVE
+            (domain.py). The options database, command line included, wins over both.
 
         Raises
         ------
@@ -163,14 +156,8 @@ class MembraneResult(MembraneFields):
         Strain energy in joules.
     """
 
-    def __init__(
-        self,
-        membrane: Membrane,
-        displacement: dolfinx.fem.Function,
-        nodal_force: np.ndarray,
-        ksp: linear.SolverInfo,
-    ):
+    def __init__(self, membrane: Membrane, displacement, nodal_force: np.ndarray, ksp):
         super().__init__(membrane, displacement, nodal_force)
-        self.ksp = ksp
+        self.ksp: linear.SolverInfo = ksp
         self.energy_tension, self.energy_shear = map(self.integral, membrane.energies(displacement))
         self.energy = self.energy_tension + self.energy_shear

@@ -143,13 +143,7 @@ def _unstructured(
 
 
 def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of a polygon by gmsh, on the calling rank alone.
-
-    Returns
-    -------
-    points : float (n, 2), metres
-    triangles : int64 (m, 3)
-    """
+    """Points (n, 2) in metres and triangles (m, 3), int64, of a polygon by gmsh. Not collective."""
     import gmsh
 
     outline = shapely.remove_repeated_points(outline)
@@ -161,18 +155,16 @@ def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, n
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.model.add("outline")
     try:
-        lines, lengths, loops = [], [], []
+        geo, lines, lengths, loops = gmsh.model.geo, [], [], []
         for ring in (outline.exterior, *outline.interiors):
             corners = (np.asarray(ring.coords)[:-1, :2] - low) / scale
-            tags = [gmsh.model.geo.addPoint(x, y, 0.0) for x, y in corners]
-            ring_lines = [
-                gmsh.model.geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)
-            ]
+            tags = [geo.addPoint(x, y, 0.0) for x, y in corners]
+            sides = [geo.addLine(a, b) for a, b in zip(tags, np.roll(tags, -1), strict=True)]
             lengths.append(np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1))
-            loops.append(gmsh.model.geo.addCurveLoop(ring_lines))
-            lines += ring_lines
-        gmsh.model.geo.addPlaneSurface(loops)
-        gmsh.model.geo.synchronize()
+            loops.append(geo.addCurveLoop(sides))
+            lines += sides
+        geo.addPlaneSurface(loops)
+        geo.synchronize()
         for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size / scale)

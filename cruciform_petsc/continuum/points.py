@@ -23,7 +23,6 @@ def evaluate(
     mesh: dolfinx.mesh.Mesh,
     functions: Sequence[dolfinx.fem.Function],
     points: np.ndarray,
-    padding: float | None = None,
 ) -> list[np.ndarray]:
     """Evaluate functions at points. Collective; each rank asks for its own points, or for none.
 
@@ -40,8 +39,6 @@ def evaluate(
         On this mesh, ghost values up to date.
     points : float (n, 2)
         Metres.
-    padding : float, optional
-        How far outside of the mesh a point may lie, in metres; 1e-5 of its diagonal by default.
 
     Returns
     -------
@@ -50,15 +47,14 @@ def evaluate(
     Raises
     ------
     InputError
-        On every rank, if any point of any rank lies farther outside.
+        On every rank, if any point of any rank lies outside by more than 1e-5 of the diagonal.
     """
     points = np.reshape(np.asarray(points, float), (-1, 2))
     x = mesh.geometry.x[:, :2]
     box = [x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)]
     low, high = np.swapaxes(mesh.comm.allgather(box), 0, 1)  # (ranks, 2) each
     diagonal = float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
-    padding = PADDING * diagonal if padding is None else padding
-    tolerance = SAME * diagonal
+    padding, tolerance = PADDING * diagonal, SAME * diagonal
 
     near = (points[:, None] >= low - padding) & (points[:, None] <= high + padding)
     point, rank = np.nonzero(near.all(axis=2))

@@ -377,6 +377,8 @@ def test_wrong_input():
         membrane.solve_motions([{"lower": (*still, 1)}])
     with pytest.raises(InputError, match="motion of an edge"):
         membrane.solve_motions([{"lower": (np.eye(3), np.zeros(2))}])
+    with pytest.raises(InputError, match="inside out"):
+        membrane.solve_motions([{"lower": (np.diag([1.0, -1.0]), np.zeros(2))}])
     with pytest.raises(InputError, match='no edge "top"'):
         membrane.solve_motions([{"top": still}])
     with pytest.raises(InputError, match="degree 2"):
@@ -421,11 +423,10 @@ def test_equilibrium_beyond_buckling():
 
 
 def test_an_impossible_extension():
-    """The upper clamp is pushed through the lower one: told, with what was reached before."""
+    """The upper clamp is pushed through the lower one: told, with the last residuals."""
     preform = Preform.rectangle(0.1, 0.2, "45 deg")
     membrane = HyperelasticMembrane(COMM, preform, stiff(1e2), 0.1, 2, grading=0)
-    reached = []
     with pytest.raises(SolverError, match="no equilibrium beyond .* % of increment 2") as error:
-        membrane.solve_bias_extension([0.01, -0.5], report=reached.append)
+        membrane.solve_bias_extension([0.01, -0.5])
     assert error.value.reason == "NO_EQUILIBRIUM"
-    assert [result.extension for result in reached] == pytest.approx([0.01])
+    assert len(error.value.history) > 1
