@@ -110,8 +110,7 @@ class Balance:
 
     def _make_quadrature(self) -> None:
         membrane, mesh = self.membrane, self.membrane.mesh
-        # Exact for the small-strain tangent, with one degree to spare.
-        degree = max(2 * membrane.degree - 1, 1)
+        degree = 2 * membrane.degree - 1  # exact for the small-strain tangent, and one to spare
         metadata = {"quadrature_degree": degree, "quadrature_rule": "default"}
         self._dx = ufl.dx(domain=mesh, metadata=metadata)
         points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
@@ -145,29 +144,22 @@ class Balance:
         dq, q_du = ufl.derivative(q, u, v), ufl.derivative(q, u, du)
         moduli = ufl.as_matrix([[c[0], c[2], 0], [c[2], c[1], 0], [0, 0, c[3]]])
         force = ufl.dot(self._s, dq) * self._dx
-        tangent = (
-            ufl.dot(dq, moduli * q_du) + ufl.dot(self._g, ufl.derivative(dq, u, du))
-        ) * self._dx
+        geometric = ufl.dot(self._g, ufl.derivative(dq, u, du))
+        tangent = (ufl.dot(dq, moduli * q_du) + geometric) * self._dx
         # Directions in which clamps hold the fibres.
-        clamped = [name for name, component in self.held.items() if component is None]
         self._clamps: dict[str, list[dolfinx.fem.Constant]] = {}
         self._bending_energy = None
         if rigidity.any():
-            self._clamps = {
-                name: [membrane.constant(d.value) for d in membrane.directions] for name in clamped
-            }
-            ds = membrane.edge_measure(clamped)
-            energy = sum(
-                bending_energy(
-                    u,
-                    membrane.directions[family],
-                    membrane.constant(rigidity[family]),
-                    membrane.degree,
-                    self._dx,
-                    [(held[family], ds(i)) for i, held in enumerate(self._clamps.values())],
-                )
-                for family in np.flatnonzero(rigidity)
-            )
+            for name, component in self.held.items():
+                if component is None:
+                    rest = membrane.directions
+                    self._clamps[name] = [membrane.constant(d.value) for d in rest]
+            ds = membrane.edge_measure(list(self._clamps))
+            energy = 0.0
+            for family in np.flatnonzero(rigidity):
+                clamps = [(held[family], ds(i)) for i, held in enumerate(self._clamps.values())]
+                direction, size = membrane.directions[family], membrane.constant(rigidity[family])
+                energy += bending_energy(u, direction, size, membrane.degree, self._dx, clamps)
             self._bending_energy = dolfinx.fem.form(energy)
             bending_force = ufl.derivative(energy, u, v)
             force, tangent = force + bending_force, tangent + ufl.derivative(bending_force, u, du)
@@ -222,12 +214,8 @@ class Balance:
     ) -> PETSc.Mat:
         """Tangent, with rows and columns of prescribed components those of the unit matrix.
 
-        Parameters
-        ----------
-        geometric : float (cells, points, 3), optional
-            Stress of its geometric part; that of the state if not given.
-        moduli : float (cells, points, 4), optional
-            Likewise.
+        The stress of its geometric part (cells, points, 3) and the moduli (cells, points, 4) are
+        those of the state if not given.
         """
         self._put(self._g, self.stress if geometric is None else geometric)
         self._put(self._c, self.moduli if moduli is None else moduli)
@@ -236,9 +224,9 @@ class Balance:
         self._matrix.assemble()
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         diagonal = self._matrix.getDiagonal()
-        owned = self.membrane.num_nodes_owned
-        moved = abs(self.u.x.array.reshape(-1, 2)) + self._size[:, None]
-        rounding = (diagonal.array.reshape(-1, 2) * moved[:owned])[~self.fixed[:owned]]
+        moved = (abs(self.u.x.array.reshape(-1, 2)) + self._size[:, None]).ravel()
+        owned = slice(0, diagonal.local_size)
+        rounding = (diagonal.array * moved[owned])[~self.fixed.ravel()[owned]]
         diagonal.destroy()
         self._floor = ROUNDING * float(np.sqrt(self.comm.allreduce((rounding**2).sum())))
         return self._matrix

@@ -36,13 +36,9 @@ MAX_DOFS_DIRECT = 2_000_000
 
 DIRECT = {**linear.DIRECT, "mat_mumps_icntl_14": 50}
 ITERATIVE = {
-    "ksp_type": "cg",
-    "ksp_norm_type": "unpreconditioned",
+    **linear.ITERATIVE,
     "ksp_rtol": 1e-11,
-    "ksp_max_it": 2000,
-    "pc_type": "gamg",
     "pc_gamg_threshold": 0.03,
-    "mg_levels_ksp_type": "chebyshev",
     "mg_levels_pc_type": "jacobi",
 }
 
@@ -87,10 +83,7 @@ class MembraneDomain:
     cells, dofs : int
         Global numbers of triangles and unknowns.
 
-    Raises
-    ------
-    InputError
-        On every rank.
+    Raises InputError on every rank.
     """
 
     def __init__(
@@ -145,11 +138,9 @@ class MembraneDomain:
 
         Raises InputError on every rank if facets do not cover the edge.
         """
-        if name not in self._edges:
-            self._edges[name] = self._find_facets(name, _edge(self.preform, name))
-        return self._edges[name]
-
-    def _find_facets(self, name: str, edge: shapely.MultiLineString) -> np.ndarray:
+        if name in self._edges:
+            return self._edges[name]
+        edge = shapely.multilinestrings(np.reshape(self.preform.edge(name), (-1, 2, 2)))
         self.mesh.topology.create_connectivity(1, 2)
         facets = dolfinx.mesh.exterior_facet_indices(self.mesh.topology)
         ends = edge_ends(self.mesh, facets)
@@ -162,7 +153,8 @@ class MembraneDomain:
             raise InputError(
                 f"edge {name!r} is {edge.length:.6g} m long, but the mesh has {length:.6g} m of it"
             )
-        return np.sort(facets[is_on])
+        self._edges[name] = np.sort(facets[is_on])
+        return self._edges[name]
 
     def edge_nodes(self, name: str) -> np.ndarray:
         """Local nodes on an edge, ghosts too. Collective."""
@@ -274,7 +266,7 @@ class MembraneDomain:
 
 
 class MembraneFields:
-    """A membrane's displacement and what is measured on it.
+    """A membrane's displacement and what is measured on it. Collective when made.
 
     Attributes
     ----------
@@ -282,13 +274,12 @@ class MembraneFields:
     displacement : dolfinx.fem.Function
         Metres.
     nodal_force : float (num_nodes_owned, 2)
-        Internal forces, newtons: the derivative of the energy.
+        Derivative of the energy, newtons.
     energy : float
         Strain energy in joules.
-    load : float
-        Force on the edge "upper" along y in newtons; nan where the preform has no such edge.
-    extension : float
-        Mean displacement along y of the edge "upper" less that of "lower", metres; nan likewise.
+    load, extension : float
+        Force on the edge "upper" along y in newtons, and its mean displacement along y less that
+        of "lower" in metres; nan where the preform has no such edge.
     """
 
     energy: float
@@ -387,7 +378,8 @@ def singular_points(preform: Any) -> np.ndarray:
     points = [np.empty((0, 2))]
     for name in ("lower", "upper"):
         with suppress(InputError):  # not every outline has them
-            points.append(shapely.get_coordinates(shapely.boundary(_edge(preform, name))))
+            edge = shapely.multilinestrings(np.reshape(preform.edge(name), (-1, 2, 2)))
+            points.append(shapely.get_coordinates(shapely.boundary(edge)))
     outline = shapely.geometry.polygon.orient(preform.outline)
     for ring in (outline.exterior, *outline.interiors):
         corner = shapely.get_coordinates(shapely.remove_repeated_points(ring))[:-1]
@@ -416,10 +408,6 @@ def split_outline(preform: Any) -> tuple[shapely.Polygon, np.ndarray]:
         rings.append(every[order])
         added.append(every[len(corners) :])
     return shapely.Polygon(rings[0], rings[1:]), np.concatenate(added)
-
-
-def _edge(preform: Any, name: str) -> shapely.MultiLineString:
-    return shapely.multilinestrings(np.reshape(preform.edge(name), (-1, 2, 2)))
 
 
 def _on_outline(outline: shapely.Polygon) -> float:
