@@ -70,10 +70,8 @@ def outline_mesh(
     for number, radius in enumerate(radii, 1):
         mesh.topology.create_entities(1)
         near = None if np.isinf(radius) else _edges_near(mesh, points, radius)
-        # Dealt out afresh after the last level of each kind.
+        # Dealt out afresh at the end; halving all triangles leaves the ranks' shares as they were.
         partitioner = _partitioner(ghosts) if number == len(radii) else None
-        if number == refine_levels < len(radii):
-            partitioner = _partitioner(dolfinx.mesh.GhostMode.none)
         mesh = dolfinx.mesh.refine(mesh, near, partitioner)[0]
     return mesh
 
