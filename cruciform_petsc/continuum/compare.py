@@ -143,15 +143,15 @@ class Reference:
         is compared with the last membrane, too.
         """
         experiment, last = self.result.experiment, self.membranes[-1]
-        rows = [
-            difference.as_dict() | {"load_n": membrane.load, "energy_j": membrane.energy}
-            for difference, membrane in zip(self.differences, self.membranes, strict=True)
-        ]
+        measured = {"load_n": "load", "energy_j": "energy"}
         summary: dict[str, Any] = {"dofs": last.dofs, "cells": last.cells, "mesh_size_m": last.size}
         if experiment.finite:
-            for row, membrane in zip(rows, self.membranes, strict=True):
-                row["newton_iterations"] = membrane.newton_iterations
+            measured["newton_iterations"] = "newton_iterations"
             summary |= {"second_gradient": last.membrane.bending, "stable": self.stable}
+        rows = [
+            difference.as_dict() | {key: getattr(membrane, name) for key, name in measured.items()}
+            for difference, membrane in zip(self.differences, self.membranes, strict=True)
+        ]
         if without is not None:
             summary["without_bending"] = compare_with_membrane(without, last).as_dict()
         if experiment.finite and experiment.is_curve:
@@ -199,10 +199,8 @@ def compare_fields(
     Parameters
     ----------
     comm : mpi4py communicator
-    points : float (n, 2)
-        Crossovers of this rank, metres; n may be 0 and differ between the ranks.
-    u_net : float (n, 2)
-        Their displacement along x and y, metres.
+    points, u_net : float (n, 2)
+        Crossovers of this rank and their displacement, metres; n may be 0 and differ between ranks.
     gamma_net : float (n,)
         Their shear angle, radians; not finite where a crossover has none to compare.
     load_net, energy_net : float
