@@ -102,8 +102,12 @@ def kilby():
     """Off-axis modulus against the closed form."""
     head(
         "Off-axis modulus of a strip, 4 cm x 16 cm, over Kilby's formula",
-        "angle", "refine = 1", "2", "4", "8",
-    )  # fmt: skip
+        "angle",
+        "refine = 1",
+        "2",
+        "4",
+        "8",
+    )
     for angle in (0, 15, 30, 45, 60, 75, 90):
         exact = TABLE_1.off_axis_modulus(radians(angle))
         ratios = [off_axis_modulus(radians(angle), refine) / exact for refine in (1, 2, 4, 8)]
@@ -117,8 +121,10 @@ def inextensible():
     fabric = Fabric("stiff", yarns, yarns, shear)
     head(
         "Inextensible yarns (E/G = 10^6), 16 diagonals across: energy over that of uniform zones",
-        "H/W", "network", "one-dimensional minimum",
-    )  # fmt: skip
+        "H/W",
+        "network",
+        "one-dimensional minimum",
+    )
     for slenderness, minimum in ((2, 1.0), (3, 0.988)):
         width = 16 * DIAGONAL
         height = slenderness * width
@@ -140,8 +146,13 @@ def large():
     peak = COMM.allgather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     head(
         f"A preform of 2 m x 2.1 m at yarn pitch on {COMM.size} ranks, with yarn bending",
-        "crossovers", "unknowns", "network", "assembly and solution", "solver", "memory per rank",
-    )  # fmt: skip
+        "crossovers",
+        "unknowns",
+        "network",
+        "assembly and solution",
+        "solver",
+        "memory per rank",
+    )
     say(
         network.num_crossovers_global,
         result.solver.unknowns,
@@ -160,8 +171,10 @@ def main():
     fits = shapely.box(-2 * DIAGONAL, 0, 2 * DIAGONAL, 6 * DIAGONAL)
     membrane_ladder(
         "Against the membrane: 4 x 6 lattice diagonals, crossovers on the edges, 45 deg",
-        fits, pi / 4, (1, 2, 4, 8, 16),
-    )  # fmt: skip
+        fits,
+        pi / 4,
+        (1, 2, 4, 8, 16),
+    )
     box = shapely.box(-0.012, 0, 0.012, 0.036)
     hole = box.difference(shapely.Point(0, 0.018).buffer(0.005, quad_segs=16))
     corner = shapely.box(0, 0.018, 0.012, 0.036)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 from mpi4py import MPI
 
 from ..errors import InputError
@@ -47,7 +48,7 @@ class Comparison:
     energy_ratio: float
 
     def as_dict(self) -> dict[str, float]:
-        """Plain numbers by name, for a summary."""
+        """Plain numbers by name."""
         return asdict(self)
 
 
@@ -62,19 +63,15 @@ def solve_membranes(
     size : float, optional
         Mesh size in metres.
     bending : bool, optional
-        Of finite deformation: whether the membrane resists the bending of yarns; by default as
-        the network does.
+        Of finite deformation: whether yarns resist bending; by default as in the network.
 
     Returns
     -------
     list
-        Of finite deformation a HyperelasticResult for each state; of small displacements, where
-        states are in proportion, a MembraneResult for the last one.
+        A HyperelasticResult for each state of a finite test; of small displacements, where states
+        are in proportion, a MembraneResult for the last one.
 
-    Raises
-    ------
-    InputError
-        On every rank, if there is no membrane of such a test.
+    Raises InputError on every rank if there is no membrane of such a test.
     """
     experiment, network = result.experiment, result.network
     if experiment.reference == "free":
@@ -99,12 +96,7 @@ def compare_with_membrane(
 ) -> Comparison:
     """Compare a state of a test, by default the last, with the continuum. Collective.
 
-    Parameters
-    ----------
-    result : TestResult
-    membrane : MembraneResult or HyperelasticResult, optional
-        At that state; by default that of `solve_membranes` at the last.
-    state : int
+    ``membrane`` is a result at that state, by default the last of `solve_membranes`.
     """
     membrane = membrane or solve_membranes(result)[-1]
     fields, network = result.states[state].fields, result.network
@@ -124,13 +116,7 @@ def compare_with_membrane(
 class Reference:
     """A test beside its membranes, as plain data for files.
 
-    Attributes
-    ----------
-    result : TestResult
-    membranes : list
-        See solve_membranes.
-    differences : list of Comparison
-        One for each membrane.
+    There is one of ``differences`` for each of ``membranes`` (see solve_membranes).
     """
 
     result: TestResult
@@ -153,19 +139,19 @@ class Reference:
     def summary(self, without: TestResult | None = None) -> dict[str, Any]:
         """Differences and the membrane's figures by name. Collective.
 
-        Lists where a finite test was asked for a list. `without` is the test without yarn
-        bending, to be compared with the last membrane, too.
+        Lists where a finite test was asked for a list. `without`, the test without yarn bending,
+        is compared with the last membrane, too.
         """
         experiment, last = self.result.experiment, self.membranes[-1]
-        rows = [
-            difference.as_dict() | {"load_n": membrane.load, "energy_j": membrane.energy}
-            for difference, membrane in zip(self.differences, self.membranes, strict=True)
-        ]
+        measured = {"load_n": "load", "energy_j": "energy"}
         summary: dict[str, Any] = {"dofs": last.dofs, "cells": last.cells, "mesh_size_m": last.size}
         if experiment.finite:
-            for row, membrane in zip(rows, self.membranes, strict=True):
-                row["newton_iterations"] = membrane.newton_iterations
+            measured["newton_iterations"] = "newton_iterations"
             summary |= {"second_gradient": last.membrane.bending, "stable": self.stable}
+        rows = [
+            difference.as_dict() | {key: getattr(membrane, name) for key, name in measured.items()}
+            for difference, membrane in zip(self.differences, self.membranes, strict=True)
+        ]
         if without is not None:
             summary["without_bending"] = compare_with_membrane(without, last).as_dict()
         if experiment.finite and experiment.is_curve:
@@ -207,42 +193,31 @@ def compare_fields(
 ) -> Comparison:
     """Compare the network's fields with the membrane's at the crossovers. Collective.
 
-    The membrane's strains have no bound at the ends of its clamps and at re-entrant corners, so
-    that crossovers within a tenth of the outline's width of those take no part in the comparison
-    of the shear angle: neither the mesh nor the pitch then decides how large the difference is.
+    Within a tenth of the outline's width of singular points, where the membrane's strains have no
+    bound, shear angles are not compared: else mesh and pitch would decide on the difference.
 
     Parameters
     ----------
     comm : mpi4py communicator
-    points : float (n, 2)
-        Crossovers of this rank, metres; n may be 0 and differ between the ranks.
-    u_net : float (n, 2)
-        Their displacement along x and y, metres.
+    points, u_net : float (n, 2)
+        Crossovers of this rank and their displacement, metres; n may be 0 and differ between ranks.
     gamma_net : float (n,)
-        Their shear angle, radians; not finite where a crossover has none, which leaves it out of
-        the shear comparison.
+        Their shear angle, radians; not finite where a crossover has none to compare.
     load_net, energy_net : float
         Newtons, joules; of the whole network, the same on every rank.
     membrane_result : MembraneResult, HyperelasticResult
 
-    Returns
-    -------
-    Comparison
-        The same on every rank.
-
-    Raises
-    ------
-    InputError
-        On every rank, if a point lies outside of the membrane.
+    Returns the same on every rank; raises InputError on every rank if a point lies outside of the
+    membrane.
     """
     membrane = membrane_result.membrane
     field = membrane_result.evaluate(points)
     u, gamma = field["displacement"], field["shear_angle"]
-    has_shear = np.isfinite(gamma_net) & ~_is_near(
-        points, membrane.singular_points, SINGULAR_RADIUS * membrane.width
-    )
+    singular = shapely.multipoints(membrane.singular_points)
+    far = ~(shapely.distance(singular, shapely.points(points)) < SINGULAR_RADIUS * membrane.width)
+    has_shear = np.isfinite(gamma_net) & far
     off = (np.asarray(gamma_net) - gamma)[has_shear]
-    local = [
+    sums = [
         len(u),
         ((np.reshape(u_net, u.shape) - u) ** 2).sum(),
         (u**2).sum(),
@@ -251,9 +226,8 @@ def compare_fields(
         (gamma[has_shear] ** 2).sum(),
         abs(off).sum(),
     ]
-    count, u_off, u_all, count_shear, shear_off, shear_all, shear_abs = comm.allreduce(
-        np.array(local, float)
-    )
+    sums = comm.allreduce(np.array(sums, float))
+    count, u_off, u_all, count_shear, shear_off, shear_all, shear_abs = sums
     return Comparison(
         points=int(count),
         points_shear=int(count_shear),
@@ -263,14 +237,6 @@ def compare_fields(
         load_ratio=_ratio(load_net, membrane_result.load),
         energy_ratio=_ratio(energy_net, membrane_result.energy),
     )
-
-
-def _is_near(points: np.ndarray, centres: np.ndarray, radius: float) -> np.ndarray:
-    """Whether points (n, 2) lie within a radius of any of the centres (m, 2)."""
-    near = np.zeros(len(points), bool)
-    for centre in centres:
-        near |= np.linalg.norm(points - centre, axis=1) < radius
-    return near
 
 
 def _ratio(a: float, b: float) -> float:

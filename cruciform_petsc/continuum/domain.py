@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import dolfinx.fem
@@ -18,7 +18,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..errors import InputError
-from .mesh import edge_ends, grade_mesh, outline_mesh, with_shared_facets
+from ..solvers import linear, options
+from .mesh import edge_ends, outline_mesh
 from .points import evaluate
 
 # Triangles that rank 0 may make; a finer mesh is that of all ranks, by refinement.
@@ -29,10 +30,21 @@ GRADING_RADIUS = 1 / 6
 RE_ENTRANT = np.radians(20.0)
 # How far from the outline, in its larger side, an edge may lie.
 ON_OUTLINE = 2e-6
+# Unknowns up to which the matrix is factorised. Measured on 2 ranks, 2 million unknowns: 21 s and
+# 2.1 GiB per rank against 118 s and 1.8 GiB for multigrid.
+MAX_DOFS_DIRECT = 2_000_000
+
+DIRECT = {**options.DIRECT, "mat_mumps_icntl_14": 50}
+ITERATIVE = {
+    **options.ITERATIVE,
+    "ksp_rtol": 1e-11,
+    "pc_gamg_threshold": 0.03,
+    "mg_levels_pc_type": "jacobi",
+}
 
 Value = float | Sequence[float] | Callable[[np.ndarray], np.ndarray]
 Dirichlet = tuple[str, int | None, Value]
-Traction = tuple[str, Sequence[float]]
+UPPER = {"grip": None, "centre-line": 1}
 
 
 class MembraneDomain:
@@ -41,37 +53,37 @@ class MembraneDomain:
     Parameters
     ----------
     comm : mpi4py communicator
-    preform
-        Has `outline` (shapely Polygon), `warp_direction` and `weft_direction` (unit vectors at
-        right angles, the weft 90 degrees ahead), `edge(name)` (segments (n, 2, 2)) and, where an
-        edge ends between corners, `edges` (a mapping of all of them).
-    fabric
-        Has `c11`, `c22` and `shear_modulus` in N/m, for the mesh size.
+    preform : Preform
+        Its `outline`, `warp_direction`, `weft_direction`, `edge(name)` and, if it has them,
+        `edges`, which may end between corners of the outline.
+    fabric : Fabric
+        Its `c11`, `c22` and `shear_modulus`, for the mesh size.
     size : float, optional
         Mesh size in metres; by default `default_size`.
     degree : int
         Of the Lagrange elements.
     grading : int
-        How often the mesh size is halved towards the ends of the edges "lower" and "upper" and
-        towards re-entrant corners, where the strains are singular; 0 for a uniform mesh.
+        How often the mesh size is halved towards `singular_points`; 0 for a uniform mesh.
     share_facets : bool
-        Ranks know the triangles beside theirs, for integrals over the mesh's inner edges.
+        See `outline_mesh`.
 
     Attributes
     ----------
-    mesh : dolfinx.mesh.Mesh
-    space : dolfinx.fem.FunctionSpace
-    size : float
+    mesh, space : dolfinx's mesh and displacement space
+    size, width : float
+        Of the triangles, and of the outline (`outline_width`), metres.
+    nodes : float (n_local, 2)
+        Of this rank, owned ones first, then ghosts; metres.
+    num_nodes_owned : int
+    directions : two dolfinx.fem.Constant
+        Of warp and weft at rest.
     singular_points : float (n, 2)
-        Ends of the edges "lower" and "upper", re-entrant corners, and ends of edges between two
-        corners, metres.
+        Where strains are singular: ends of the edges "lower" and "upper" and of edges that end
+        between corners, and re-entrant corners; metres.
     cells, dofs : int
         Global numbers of triangles and unknowns.
 
-    Raises
-    ------
-    InputError
-        On every rank.
+    Raises InputError on every rank.
     """
 
     def __init__(
@@ -88,24 +100,23 @@ class MembraneDomain:
         weft = np.asarray(preform.weft_direction, float)
         if not np.allclose(weft, [-warp[1], warp[0]], atol=1e-12):
             raise InputError("the membrane needs a weft at right angles to the warp")
-        self.comm, self.preform, self.fabric = comm, preform, fabric
+        self.comm, self.preform, self.fabric, self.degree = comm, preform, fabric, degree
         outline, ends_between = split_outline(preform)
         self.width = outline_width(outline)
         self.size = default_size(outline, fabric, degree) if size is None else float(size)
         self.singular_points = np.concatenate([singular_points(preform), ends_between])
-        levels = _refine_levels(outline, self.size)
-        mesh = outline_mesh(comm, outline, self.size, levels)
-        radius = GRADING_RADIUS * outline_width(outline)
-        self.mesh = grade_mesh(mesh, self.singular_points, radius, grading)
-        if share_facets:
-            self.mesh = with_shared_facets(self.mesh)
+        triangles = 4 * outline.area / self.size**2
+        levels = max(0, int(np.ceil(np.log2(triangles / MAX_TRIANGLES_RANK_0) / 2)))
+        singular = (self.singular_points, GRADING_RADIUS * self.width, grading)
+        self.mesh = outline_mesh(comm, outline, self.size, levels, singular, share_facets)
         self.space = dolfinx.fem.functionspace(self.mesh, ("Lagrange", degree, (2,)))
-        self.degree = degree
+        index_map = self.space.dofmap.index_map
+        self.num_nodes_owned = index_map.size_local
+        count = index_map.size_local + index_map.num_ghosts
+        self.nodes = self.space.tabulate_dof_coordinates()[:count, :2]
         self.cells = self.mesh.topology.index_map(2).size_global
-        self.dofs = 2 * self.space.dofmap.index_map.size_global
-        self._warp, self._weft = (
-            dolfinx.fem.Constant(self.mesh, PETSc.ScalarType(tuple(d))) for d in (warp, weft)
-        )
+        self.dofs = 2 * index_map.size_global
+        self.directions = (self.constant(warp), self.constant(weft))
         self._edges: dict[str, np.ndarray] = {}
 
     def __repr__(self) -> str:
@@ -116,48 +127,41 @@ class MembraneDomain:
         """Warp strain, weft strain and shear angle of a displacement, as UFL expressions."""
         raise NotImplementedError
 
+    def constant(self, value: Any) -> dolfinx.fem.Constant:
+        """Value of a UFL form that is the same everywhere."""
+        return dolfinx.fem.Constant(self.mesh, np.asarray(value, PETSc.ScalarType))
+
     # -- edges ----------------------------------------------------------------------------------
 
     def edge_facets(self, name: str) -> np.ndarray:
-        """Boundary facets of the mesh on an edge of the preform, those of this rank. Collective.
+        """Facets of this rank on an edge of the preform. Collective.
 
-        Raises
-        ------
-        InputError
-            On every rank, if facets do not cover the edge.
+        Raises InputError on every rank if facets do not cover the edge.
         """
-        if name not in self._edges:
-            segments = np.asarray(self.preform.edge(name), float).reshape(-1, 2, 2)
-            self._edges[name] = self._find_facets(name, segments)
-        return self._edges[name]
-
-    def _find_facets(self, name: str, segments: np.ndarray) -> np.ndarray:
-        topology = self.mesh.topology
-        topology.create_connectivity(1, 2)
-        facets = dolfinx.mesh.exterior_facet_indices(topology)
+        if name in self._edges:
+            return self._edges[name]
+        edge = shapely.multilinestrings(np.reshape(self.preform.edge(name), (-1, 2, 2)))
+        self.mesh.topology.create_connectivity(1, 2)
+        facets = dolfinx.mesh.exterior_facet_indices(self.mesh.topology)
         ends = edge_ends(self.mesh, facets)
         probes = np.concatenate([ends, ends.mean(axis=1, keepdims=True)], axis=1)
-        tolerance = (
-            ON_OUTLINE * np.ptp(np.reshape(self.preform.outline.bounds, (2, 2)), axis=0).max()
-        )
-        on_edge = np.zeros(probes.shape[:2], bool)
-        for start, end in segments:
-            along = end - start
-            t = np.clip((probes - start) @ along / (along @ along), 0.0, 1.0)
-            off = np.linalg.norm(probes - start - t[..., None] * along, axis=-1)
-            on_edge |= off <= tolerance
-        found = on_edge.all(axis=1)
-        length = np.linalg.norm(ends[found, 1] - ends[found, 0], axis=1).sum()
+        off = shapely.distance(edge, shapely.points(probes))
+        is_on = (off <= _on_outline(self.preform.outline)).all(axis=1)
+        length = np.linalg.norm(ends[is_on, 1] - ends[is_on, 0], axis=1).sum()
         length = self.comm.allreduce(float(length))
-        wanted = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum())
-        if not abs(length - wanted) <= 1e-4 * wanted:
+        if not abs(length - edge.length) <= 1e-4 * edge.length:
             raise InputError(
-                f"edge {name!r} is {wanted:.6g} m long, but the mesh has {length:.6g} m of it"
+                f"edge {name!r} is {edge.length:.6g} m long, but the mesh has {length:.6g} m of it"
             )
-        return np.sort(facets[found])
+        self._edges[name] = np.sort(facets[is_on])
+        return self._edges[name]
 
-    def _measure(self, names: Sequence[str]) -> Any:
-        """Integration measure ds in which names[i] has number i."""
+    def edge_nodes(self, name: str) -> np.ndarray:
+        """Local nodes on an edge, ghosts too. Collective."""
+        return dolfinx.fem.locate_dofs_topological(self.space, 1, self.edge_facets(name))
+
+    def edge_measure(self, names: Sequence[str]) -> Any:
+        """Integration measure ds in which names[i] has number i. Collective."""
         facets = [self.edge_facets(name) for name in names]
         number = np.repeat(np.arange(len(names), dtype=np.int32), [len(f) for f in facets])
         every = np.concatenate(facets)
@@ -167,105 +171,115 @@ class MembraneDomain:
 
     # -- constraints ----------------------------------------------------------------------------
 
-    def _constraints(self, dirichlet: Sequence[Dirichlet]) -> list[dolfinx.fem.DirichletBC]:
-        conditions = []
-        for name, component, value in dirichlet:
-            facets = self.edge_facets(name)
-            for i in (0, 1) if component is None else (component,):
-                space = self.space.sub(i)
-                if callable(value):
-                    scalar, _ = space.collapse()
-                    given = dolfinx.fem.Function(scalar)
-                    pick = i if component is None else None
-                    given.interpolate(lambda x, f=value, p=pick: _component(f(x), p))
-                    pairs = dolfinx.fem.locate_dofs_topological((space, scalar), 1, facets)
-                    conditions.append(dolfinx.fem.dirichletbc(given, pairs, space))
-                else:
-                    number = float(np.broadcast_to(np.asarray(value, float), 2)[i])
-                    dofs = dolfinx.fem.locate_dofs_topological(space, 1, facets)
-                    condition = dolfinx.fem.dirichletbc(PETSc.ScalarType(number), dofs, space)
-                    conditions.append(condition)
-        return conditions
+    def prescribe(self, given: Sequence[Dirichlet]) -> tuple[np.ndarray, np.ndarray]:
+        """Given displacements of edges: which components are given, and their values. Collective.
 
-    def _pins(self) -> list[dolfinx.fem.DirichletBC]:
-        """Hold both components at the lowest node, and one of them at the node farthest from it."""
-        owned = self.space.dofmap.index_map.size_local
-        x = self.space.tabulate_dof_coordinates()[:owned, :2]
-        first, first_x = self._extreme_node(-x[:, 1] - 1e-3 * x[:, 0], x)
-        second, second_x = self._extreme_node(np.linalg.norm(x - first_x, axis=1), x)
-        across = int(np.argmin(abs(second_x - first_x)))
-        pins = []
-        for block, component in ((first, 0), (first, 1), (second, across)):
-            # dofs of a blocked space's part are numbered in the whole space; ghosts count too
-            dofs = (2 * block + component).astype(np.int32)
-            space = self.space.sub(component)
-            pins.append(dolfinx.fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space))
-        return pins
+        Parameters
+        ----------
+        given : sequence of (edge name, component, value)
+            Component 0, 1 or None for both. Metres: a number (two for None), or a callable that
+            takes x of shape (2, n) and returns (n,) or, for None, (2, n). Later ones win.
 
-    def _extreme_node(self, measure: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Find the node of largest measure: its number on ranks that know it, and its x, y."""
-        index_map = self.space.dofmap.index_map
-        best = int(np.argmax(measure)) if len(measure) else -1
-        value = float(measure[best]) if best >= 0 else -np.inf
-        _, rank = self.comm.allreduce((value, self.comm.rank), MPI.MAXLOC)
-        mine = (index_map.local_range[0] + best, x[best]) if self.comm.rank == rank else None
-        number, position = self.comm.bcast(mine, rank)
-        local = index_map.global_to_local(np.array([number], np.int64))
-        return local[local >= 0], position
+        Returns
+        -------
+        fixed : bool (n_local, 2)
+        value : float (n_local, 2)
+            Metres; 0 where nothing is given.
+        """
+        fixed, values = np.zeros(self.nodes.shape, bool), np.zeros(self.nodes.shape)
+        for name, component, value in given:
+            nodes = self.edge_nodes(name)
+            columns = slice(None) if component is None else component
+            fixed[nodes, columns] = True
+            values[nodes, columns] = np.transpose(
+                value(self.nodes[nodes].T) if callable(value) else value
+            )
+        return fixed, values
 
-    def _rigid_modes(self) -> np.ndarray:
-        """Return the rigid motions at this rank's nodes, (nodes, 2, 3), turn about the middle."""
-        x = self.space.tabulate_dof_coordinates()[:, :2]
-        low, high = np.reshape(self.preform.outline.bounds, (2, 2))
-        x = (x - 0.5 * (low + high)) / (high - low).max()
-        modes = np.zeros((len(x), 2, 3))
-        modes[:, 0, 0] = modes[:, 1, 1] = 1.0
-        modes[:, 0, 2], modes[:, 1, 2] = -x[:, 1], x[:, 0]
-        return modes
+    def pin(self, fixed: np.ndarray) -> None:
+        """Hold both components of the lowest corner, and one of the corner farthest from it."""
+        corners = shapely.get_coordinates(self.preform.outline.exterior)
+        first = corners[(corners[:, 1] + 1e-3 * corners[:, 0]).argmin()]
+        second = corners[np.linalg.norm(corners - first, axis=1).argmax()]
+        across = int(abs(second - first).argmin())
+        near = _on_outline(self.preform.outline)
+        fixed[np.linalg.norm(self.nodes - first, axis=1) <= near] = True
+        fixed[np.linalg.norm(self.nodes - second, axis=1) <= near, across] = True
 
-    def _check_held(self, conditions: Sequence[dolfinx.fem.DirichletBC]) -> None:
-        """Raise unless the constraints rule out every rigid motion."""
-        modes = self._rigid_modes().reshape(-1, 3)
-        gram = np.zeros((3, 3))
-        for condition in conditions:
-            dofs, number_owned = condition.dof_indices()
-            held = modes[dofs[:number_owned]]
-            gram += held.T @ held
-        gram = self.comm.allreduce(gram)
+    def conditions(self, fixed: np.ndarray) -> list[dolfinx.fem.DirichletBC]:
+        """No change of the fixed components. Raises unless they rule out rigid motion. Collective.
+
+        A blocked space's part numbers its unknowns like the whole space, ghosts included.
+        """
+        held = self.rigid_modes()[: self.num_nodes_owned][fixed[: self.num_nodes_owned]]
+        gram = self.comm.allreduce(held.T @ held)
         if np.linalg.eigvalsh(gram)[0] <= 1e-9 * max(np.trace(gram), 1.0):
             raise InputError("nothing holds the membrane: it can move as a rigid body")
+        conditions = []
+        for component in (0, 1):
+            dofs = 2 * np.flatnonzero(fixed[:, component]).astype(np.int32) + component
+            space = self.space.sub(component)
+            conditions.append(dolfinx.fem.dirichletbc(PETSc.ScalarType(0.0), dofs, space))
+        return conditions
 
-    def _check_balance(self, load: dolfinx.fem.Form) -> None:
-        """Raise unless the nodal forces of a linear form have no resultant."""
-        force = self._nodal_forces(load)
-        modes = self._rigid_modes()[: len(force)]
-        resultant = self.comm.allreduce(np.einsum("nij,ni->j", modes, force))
-        if abs(resultant).max() > 1e-9 * self.comm.allreduce(float(abs(force).sum())):
-            raise InputError("nothing holds the membrane, and the loads on it are not in balance")
+    def rigid_modes(self) -> np.ndarray:
+        """Return the rigid motions at this rank's nodes, (n_local, 2, 3), turn about the middle."""
+        low, high = np.reshape(self.preform.outline.bounds, (2, 2))
+        x, y = (self.nodes - 0.5 * (low + high)).T / (high - low).max()
+        zero, one = np.zeros(len(x)), np.ones(len(x))
+        return np.moveaxis(np.array([[one, zero, -y], [zero, one, x]]), 2, 0)
 
-    def _nodal_forces(self, form: dolfinx.fem.Form) -> np.ndarray:
-        """Assembled linear form at the nodes that this rank owns, (nodes, 2)."""
+    # -- linear algebra -------------------------------------------------------------------------
+
+    def nodal_forces(self, form: dolfinx.fem.Form) -> np.ndarray:
+        """Assembled linear form at the nodes that this rank owns, (num_nodes_owned, 2)."""
         vector = dolfinx.fem.petsc.assemble_vector(form)
         vector.ghostUpdate(PETSc.InsertMode.ADD, PETSc.ScatterMode.REVERSE)
         forces = vector.array.reshape(-1, 2).copy()
         vector.destroy()
         return forces
 
+    def solver(self, matrix: PETSc.Mat, prefix: str, extra: dict | None = None):
+        """Solver of a matrix over the nodes; `extra` are options of a factorisation. Collective."""
+        options = {**DIRECT, **(extra or {})} if self.dofs <= MAX_DOFS_DIRECT else ITERATIVE
+        modes = self.rigid_modes()[: self.num_nodes_owned].reshape(-1, 3)
+        return linear.LinearSolver(matrix, modes, options, prefix=prefix)
+
+    def solve_into(
+        self,
+        function: dolfinx.fem.Function,
+        solver: linear.LinearSolver,
+        force: np.ndarray,
+        fixed: np.ndarray,
+    ) -> linear.SolverInfo:
+        """Displacement under forces (num_nodes_owned, 2) at the free components. Collective."""
+        right = solver.matrix.createVecRight()
+        right.array[:] = np.where(fixed[: len(force)], 0.0, force).ravel()
+        try:
+            solution, info = solver.solve(right)
+        finally:
+            right.destroy()
+        function.x.array[: force.size] = solution.array
+        solution.destroy()
+        function.x.scatter_forward()
+        return info
+
 
 class MembraneFields:
-    """A membrane's displacement and what is measured on it.
+    """A membrane's displacement and what is measured on it. Collective when made.
 
     Attributes
     ----------
     membrane : MembraneDomain
     displacement : dolfinx.fem.Function
         Metres.
+    nodal_force : float (num_nodes_owned, 2)
+        Derivative of the energy, newtons.
     energy : float
         Strain energy in joules.
-    load : float
-        Force on the edge "upper" along y in newtons; nan where the preform has no such edge.
-    extension : float
-        Mean displacement along y of the edge "upper" less that of "lower", metres; nan likewise.
+    load, extension : float
+        Force on the edge "upper" along y in newtons, and its mean displacement along y less that
+        of "lower" in metres; nan where the preform has no such edge.
     """
 
     energy: float
@@ -274,39 +288,38 @@ class MembraneFields:
         self,
         membrane: MembraneDomain,
         displacement: dolfinx.fem.Function,
-        internal_force: np.ndarray,
+        nodal_force: np.ndarray,
     ):
         self.membrane, self.displacement = membrane, displacement
         self.size, self.cells, self.dofs = membrane.size, membrane.cells, membrane.dofs
-        self._internal_force = internal_force
+        self.nodal_force = nodal_force
         # Here and not on demand: a script that prints them on rank 0 alone must not hang.
         try:
             self.load = float(self.edge_force("upper")[1])
-            mean = [self.mean_displacement(name)[1] for name in ("lower", "upper")]
-            self.extension = float(mean[1] - mean[0])
+            lower, upper = (self.mean_displacement(name)[1] for name in ("lower", "upper"))
+            self.extension = float(upper - lower)
         except InputError:
             self.load = self.extension = float("nan")
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.membrane!r}, energy {self.energy:.6g} J)"
 
-    def _integral(self, form: Any) -> float:
+    def integral(self, form: Any) -> float:
+        """Integral of a UFL form over the whole membrane. Collective."""
         local = dolfinx.fem.assemble_scalar(dolfinx.fem.form(form))
         return float(self.membrane.comm.allreduce(local))
 
     def edge_force(self, name: str) -> np.ndarray:
         """Force on an edge, (2,) in newtons: the sum of its nodes' internal forces. Collective."""
-        facets = self.membrane.edge_facets(name)
-        nodes = dolfinx.fem.locate_dofs_topological(self.membrane.space, 1, facets)
-        own = nodes[nodes < len(self._internal_force)]
-        return self.membrane.comm.allreduce(self._internal_force[own].sum(axis=0))
+        nodes = self.membrane.edge_nodes(name)
+        owned = nodes[nodes < len(self.nodal_force)]
+        return self.membrane.comm.allreduce(self.nodal_force[owned].sum(axis=0))
 
     def mean_displacement(self, name: str) -> np.ndarray:
         """Mean displacement of an edge, (2,) in metres. Collective."""
-        ds = self.membrane._measure([name])(0)
-        one = dolfinx.fem.Constant(self.membrane.mesh, PETSc.ScalarType(1.0))
-        length = self._integral(one * ds)
-        return np.array([self._integral(self.displacement[i] * ds) for i in (0, 1)]) / length
+        ds = self.membrane.edge_measure([name])(0)
+        length = self.integral(self.membrane.constant(1.0) * ds)
+        return np.array([self.integral(self.displacement[i] * ds) for i in (0, 1)]) / length
 
     @cached_property
     def strains(self) -> dolfinx.fem.Function:
@@ -314,32 +327,33 @@ class MembraneFields:
         membrane = self.membrane
         space = dolfinx.fem.functionspace(membrane.mesh, ("DG", membrane.degree - 1, (3,)))
         strains = dolfinx.fem.Function(space, name="strains")
+        points = space.element.interpolation_points  # a method in dolfinx 0.9, a property later
         expression = ufl.as_vector(membrane.strain(self.displacement))
-        points = _interpolation_points(space.element)
-        strains.interpolate(dolfinx.fem.Expression(expression, points))
+        strains.interpolate(
+            dolfinx.fem.Expression(expression, points() if callable(points) else points)
+        )
         strains.x.scatter_forward()
         return strains
 
     def evaluate(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Fields at points, each rank its own; see `points.evaluate`. Collective.
+        """Fields at points (n, 2), metres, each rank its own; see `points.evaluate`. Collective.
 
-        Parameters
-        ----------
-        points : float (n, 2)
-            Metres.
-
-        Returns
-        -------
-        dict
-            displacement (n, 2) in metres; warp_strain, weft_strain and shear_angle (n,), the last
-            in radians.
+        They are displacement (n, 2) in metres, warp_strain, weft_strain and shear_angle (n,), the
+        last in radians.
         """
         u, strain = evaluate(self.membrane.mesh, [self.displacement, self.strains], points)
         names = ("warp_strain", "weft_strain", "shear_angle")
         return {"displacement": u, **dict(zip(names, strain.T.copy(), strict=True))}
 
 
-# -- small parts --------------------------------------------------------------------------------
+# -- outlines -----------------------------------------------------------------------------------
+
+
+def check_upper(upper: str) -> int | None:
+    """Component in which the edge "upper" is held: both (None), or 1 where it is free along x."""
+    if upper not in UPPER:
+        raise InputError(f"upper = {upper!r} is not one of {', '.join(sorted(UPPER))}")
+    return UPPER[upper]
 
 
 def outline_width(outline: shapely.Polygon) -> float:
@@ -363,17 +377,12 @@ def singular_points(preform: Any) -> np.ndarray:
     """Find the ends of the edges "lower" and "upper", and re-entrant corners, (n, 2)."""
     points = [np.empty((0, 2))]
     for name in ("lower", "upper"):
-        try:
-            ends = np.reshape(preform.edge(name), (-1, 2))
-        except InputError:  # not every outline has them
-            continue
-        _, first, count = np.unique(
-            np.round(ends, 12), axis=0, return_index=True, return_counts=True
-        )
-        points.append(ends[first[count == 1]])
+        with suppress(InputError):  # not every outline has them
+            edge = shapely.multilinestrings(np.reshape(preform.edge(name), (-1, 2, 2)))
+            points.append(shapely.get_coordinates(shapely.boundary(edge)))
     outline = shapely.geometry.polygon.orient(preform.outline)
     for ring in (outline.exterior, *outline.interiors):
-        corner = np.asarray(shapely.remove_repeated_points(ring).coords)[:-1, :2]
+        corner = shapely.get_coordinates(shapely.remove_repeated_points(ring))[:-1]
         before, after = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         turn = np.arctan2(cross, (before * after).sum(axis=1))
@@ -384,39 +393,22 @@ def singular_points(preform: Any) -> np.ndarray:
 def split_outline(preform: Any) -> tuple[shapely.Polygon, np.ndarray]:
     """Outline with a corner wherever a named edge ends, and the corners (n, 2) that this added."""
     outline = preform.outline
-    edges = getattr(preform, "edges", {})
-    ends = [np.reshape(segments, (-1, 2)) for segments in edges.values()]
-    points = np.unique(np.concatenate([np.empty((0, 2)), *ends]), axis=0)
-    near = ON_OUTLINE * np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max()
-    added = []
-    rings = []
+    near = _on_outline(outline)
+    segments = getattr(preform, "edges", {}).values()
+    ends = np.concatenate([np.empty((0, 2)), *(np.reshape(s, (-1, 2)) for s in segments)])
+    rings, added = [], []
     for ring in (outline.exterior, *outline.interiors):
-        corners = np.asarray(ring.coords)[:, :2]
-        split = [corners[:1]]
-        for start, end in pairwise(corners):
-            along = end - start
-            t = (points - start) @ along / (along @ along)
-            on_line = np.linalg.norm(points - start - t[:, None] * along, axis=1) <= near
-            gap = near / np.linalg.norm(along)
-            t = np.sort(t[on_line & (t > gap) & (t < 1 - gap)])
-            t = t[np.diff(t, prepend=0.0) > gap]
-            split += [start + t[:, None] * along, end[None]]
-            added.append(split[-2])
-        rings.append(np.concatenate(split))
+        corners = shapely.get_coordinates(ring)[:-1]
+        on = ends[shapely.distance(ring, shapely.points(ends)) <= near]
+        off_corners = np.linalg.norm(on[:, None] - corners, axis=2).min(axis=1)
+        at = np.sort(shapely.line_locate_point(ring, shapely.points(on[off_corners > near])))
+        new = shapely.line_interpolate_point(ring, at[np.diff(at, prepend=-np.inf) > near])
+        every = np.concatenate([corners, shapely.get_coordinates(new)])
+        order = np.argsort(shapely.line_locate_point(ring, shapely.points(every)))
+        rings.append(every[order])
+        added.append(every[len(corners) :])
     return shapely.Polygon(rings[0], rings[1:]), np.concatenate(added)
 
 
-def _refine_levels(outline: shapely.Polygon, size: float) -> int:
-    triangles = 4 * outline.area / size**2
-    return max(0, int(np.ceil(np.log2(triangles / MAX_TRIANGLES_RANK_0) / 2)))
-
-
-def _component(values: np.ndarray, component: int | None) -> np.ndarray:
-    values = np.asarray(values)
-    return values.reshape(-1) if component is None else values[component]
-
-
-def _interpolation_points(element: Any) -> np.ndarray:
-    """Of an element of dolfinx 0.9, where it is a method, or later, where it is a property."""
-    points = element.interpolation_points
-    return points() if callable(points) else points
+def _on_outline(outline: shapely.Polygon) -> float:
+    return ON_OUTLINE * np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max()

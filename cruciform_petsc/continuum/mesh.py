@@ -13,13 +13,19 @@ import ufl
 from mpi4py import MPI
 
 from ..errors import InputError
+from ..parallel import on_all
 
 # Growth of the triangles away from outline edges that are shorter than the mesh size.
-_GROWTH = 0.4
+GROWTH = 0.4
 
 
 def outline_mesh(
-    comm: MPI.Intracomm, outline: shapely.Polygon, size: float, refine_levels: int = 0
+    comm: MPI.Intracomm,
+    outline: shapely.Polygon,
+    size: float,
+    refine_levels: int = 0,
+    singular: tuple[np.ndarray, float, int] | None = None,
+    share_facets: bool = False,
 ) -> dolfinx.mesh.Mesh:
     """Mesh a polygon with triangles. Collective.
 
@@ -36,11 +42,16 @@ def outline_mesh(
         Edge length of the finished mesh in metres.
     refine_levels : int
         Rank 0 makes a mesh 2**refine_levels times as coarse; every rank then refines its part.
+    singular : (points (n, 2), radius, levels), optional
+        Points where the solution is singular. Each level halves the triangles within the radius
+        in metres, and then the radius, so that their size falls in proportion to the distance.
+    share_facets : bool
+        Each rank has copies of the triangles beside its own, for integrals over inner edges.
 
     Returns
     -------
     dolfinx.mesh.Mesh
-        Affine triangles in the plane, without ghost cells.
+        Affine triangles in the plane.
 
     Raises
     ------
@@ -49,68 +60,30 @@ def outline_mesh(
     """
     if not size > 0 or refine_levels < 0:
         raise InputError(f"mesh size {size!r} and refinement {refine_levels!r} must be positive")
+    points, radius, grading = singular or (np.empty((0, 2)), 0.0, 0)
+    radii = [np.inf] * refine_levels
+    radii += [radius / 2**level for level in range(grading if len(points) else 0)]
+    ghosts = dolfinx.mesh.GhostMode.shared_facet if share_facets else dolfinx.mesh.GhostMode.none
+    first = dolfinx.mesh.GhostMode.none if radii else ghosts
     coarse = size * 2**refine_levels
-    mesh = _rectangle(comm, outline, coarse) or _unstructured(comm, outline, coarse)
-    for level in range(refine_levels):
+    mesh = _rectangle(comm, outline, coarse, first) or _unstructured(comm, outline, coarse, first)
+    for number, radius in enumerate(radii, 1):
         mesh.topology.create_entities(1)
-        mesh = _refine(mesh, None, is_last=level + 1 == refine_levels)
+        near = None if np.isinf(radius) else _edges_near(mesh, points, radius)
+        # Dealt out afresh at the end; halving all triangles leaves the ranks' shares as they were.
+        partitioner = _partitioner(ghosts) if number == len(radii) else None
+        mesh = dolfinx.mesh.refine(mesh, near, partitioner)[0]
     return mesh
 
 
-def grade_mesh(
-    mesh: dolfinx.mesh.Mesh, points: np.ndarray, radius: float, levels: int
-) -> dolfinx.mesh.Mesh:
-    """Refine towards points where the solution is singular. Collective.
-
-    Each level halves the triangles within a radius, and then the radius, so that their size falls
-    in proportion to the distance from the nearest point.
-
-    Parameters
-    ----------
-    mesh : dolfinx.mesh.Mesh
-        Without ghost cells.
-    points : float (n, 2)
-        Metres; the same on every rank.
-    radius : float
-        Metres.
-    levels : int
-
-    Returns
-    -------
-    dolfinx.mesh.Mesh
-        A new mesh, repartitioned; the given one if there is nothing to do.
-    """
-    points = np.reshape(points, (-1, 2))
-    for level in range(levels if len(points) else 0):
-        topology = mesh.topology
-        topology.create_entities(1)
-        topology.create_connectivity(1, 2)
-        index_map = topology.index_map(1)
-        edges = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-        middle = edge_ends(mesh, edges).mean(axis=1)
-        near = np.zeros(len(edges), bool)
-        for point in points:
-            near |= np.linalg.norm(middle - point, axis=1) < radius / 2**level
-        mesh = _refine(mesh, edges[near], is_last=level + 1 == levels)
-    return mesh
-
-
-def with_shared_facets(mesh: dolfinx.mesh.Mesh) -> dolfinx.mesh.Mesh:
-    """Deal a mesh out afresh, each rank with copies of the triangles beside its own. Collective.
-
-    For integrals over inner edges; such a mesh cannot be refined any further.
-    """
-    geometry = mesh.geometry
-    owned = mesh.topology.index_map(2).size_local
-    nodes = geometry.index_map()
-    cells = nodes.local_to_global(geometry.dofmap[:owned].ravel()).reshape(-1, 3)
-    return dolfinx.mesh.create_mesh(
-        mesh.comm,
-        cells=cells,
-        x=geometry.x[: nodes.size_local, :2].copy(),
-        e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
-        partitioner=_partitioner(dolfinx.mesh.GhostMode.shared_facet),
-    )
+def _edges_near(mesh: dolfinx.mesh.Mesh, points: np.ndarray, radius: float) -> np.ndarray:
+    """Edges whose middle lies within a radius of any of the points (n, 2)."""
+    mesh.topology.create_connectivity(1, 2)
+    index_map = mesh.topology.index_map(1)
+    edges = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    middle = edge_ends(mesh, edges).mean(axis=1)
+    off = shapely.distance(shapely.multipoints(points), shapely.points(middle))
+    return edges[off < radius]
 
 
 def edge_ends(mesh: dolfinx.mesh.Mesh, edges: np.ndarray) -> np.ndarray:
@@ -121,13 +94,8 @@ def edge_ends(mesh: dolfinx.mesh.Mesh, edges: np.ndarray) -> np.ndarray:
     return mesh.geometry.x[ends.reshape(-1, 2)][..., :2]
 
 
-def _refine(mesh: dolfinx.mesh.Mesh, edges: np.ndarray | None, is_last: bool) -> dolfinx.mesh.Mesh:
-    """Split edges (None: all); the last of several refinements deals the mesh out afresh."""
-    return dolfinx.mesh.refine(mesh, edges, _partitioner() if is_last else None)[0]
-
-
-def _partitioner(ghosts: Any = dolfinx.mesh.GhostMode.none) -> Any:
-    """Partition, by default without ghost cells; dolfinx 0.11 has a second argument, 0.9 none."""
+def _partitioner(ghosts: Any) -> Any:
+    """Partitioner with such ghost cells; dolfinx 0.11 has a second argument, 0.9 none."""
     try:
         return dolfinx.mesh.create_cell_partitioner(ghosts)
     except TypeError:
@@ -135,7 +103,7 @@ def _partitioner(ghosts: Any = dolfinx.mesh.GhostMode.none) -> Any:
 
 
 def _rectangle(
-    comm: MPI.Intracomm, outline: shapely.Polygon, size: float
+    comm: MPI.Intracomm, outline: shapely.Polygon, size: float, ghosts: Any
 ) -> dolfinx.mesh.Mesh | None:
     """Crossed mesh if the outline has four corners and they are those of its bounding box."""
     lower, upper = np.reshape(outline.bounds, (2, 2))
@@ -144,45 +112,36 @@ def _rectangle(
     if outline.interiors or len(corners) != 4 or not is_corner.all():
         return None
     number = np.maximum(np.ceil((upper - lower) / size * (1 - 1e-9)), 1).astype(int)
+    diagonal = dolfinx.mesh.DiagonalType.crossed
     return dolfinx.mesh.create_rectangle(
-        comm,
-        [lower, upper],
-        [int(n) for n in number],
-        ghost_mode=dolfinx.mesh.GhostMode.none,
-        diagonal=dolfinx.mesh.DiagonalType.crossed,
+        comm, [lower, upper], number.tolist(), ghost_mode=ghosts, diagonal=diagonal
     )
 
 
-def _unstructured(comm: MPI.Intracomm, outline: shapely.Polygon, size: float) -> dolfinx.mesh.Mesh:
-    points, triangles, problem = np.empty((0, 2)), np.empty((0, 3), np.int64), ""
-    if comm.rank == 0:
+def _unstructured(
+    comm: MPI.Intracomm, outline: shapely.Polygon, size: float, ghosts: Any
+) -> dolfinx.mesh.Mesh:
+    def triangles_of_rank() -> tuple[np.ndarray, np.ndarray]:
+        if comm.rank != 0:
+            return np.empty((0, 2)), np.empty((0, 3), np.int64)
         try:
-            points, triangles = gmsh_triangles(outline, size)
+            return gmsh_triangles(outline, size)
         except ImportError:
-            problem = "the outline needs gmsh for its mesh, and gmsh is not installed"
-        except Exception as error:  # whatever it is, the other ranks wait for the news
-            problem = f"gmsh could not mesh the outline: {error}"
-    problem = comm.bcast(problem)
-    if problem:
-        raise InputError(problem)
-    element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
+            raise InputError(
+                "the outline needs gmsh for its mesh, and gmsh is not installed"
+            ) from None
+        except Exception as error:
+            raise InputError(f"gmsh could not mesh the outline: {error}") from error
+
+    points, triangles = on_all(comm, triangles_of_rank)
+    element = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
     return dolfinx.mesh.create_mesh(
-        comm,
-        cells=triangles,
-        x=points,
-        e=ufl.Mesh(element),
-        partitioner=_partitioner(),
+        comm, cells=triangles, x=points, e=element, partitioner=_partitioner(ghosts)
     )
 
 
 def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of a polygon by gmsh, on the calling rank alone.
-
-    Returns
-    -------
-    points : float (n, 2), metres
-    triangles : int64 (m, 3)
-    """
+    """Points (n, 2) in metres and triangles (m, 3), int64, of a polygon by gmsh. Not collective."""
     import gmsh
 
     outline = shapely.remove_repeated_points(outline)
@@ -194,18 +153,16 @@ def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, n
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.model.add("outline")
     try:
-        lines, lengths, loops = [], [], []
+        geo, lines, lengths, loops = gmsh.model.geo, [], [], []
         for ring in (outline.exterior, *outline.interiors):
             corners = (np.asarray(ring.coords)[:-1, :2] - low) / scale
-            tags = [gmsh.model.geo.addPoint(x, y, 0.0) for x, y in corners]
-            ring_lines = [
-                gmsh.model.geo.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)
-            ]
+            tags = [geo.addPoint(x, y, 0.0) for x, y in corners]
+            sides = [geo.addLine(a, b) for a, b in zip(tags, np.roll(tags, -1), strict=True)]
             lengths.append(np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=1))
-            loops.append(gmsh.model.geo.addCurveLoop(ring_lines))
-            lines += ring_lines
-        gmsh.model.geo.addPlaneSurface(loops)
-        gmsh.model.geo.synchronize()
+            loops.append(geo.addCurveLoop(sides))
+            lines += sides
+        geo.addPlaneSurface(loops)
+        geo.synchronize()
         for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
             gmsh.option.setNumber(f"Mesh.MeshSize{name}", 0)
         gmsh.option.setNumber("Mesh.MeshSizeMax", size / scale)
@@ -218,10 +175,9 @@ def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, n
         gmsh.model.remove()
         if not was_running:
             gmsh.finalize()
-    used, triangles = np.unique(np.asarray(corner_tags, np.int64), return_inverse=True)
     order = np.argsort(node_tags)
-    node = order[np.searchsorted(node_tags, used, sorter=order)]
-    points = np.reshape(coordinates, (-1, 3))[node, :2] * scale + low
+    points = np.reshape(coordinates, (-1, 3))[order, :2] * scale + low
+    triangles = np.searchsorted(node_tags, corner_tags, sorter=order)
     return points, triangles.reshape(-1, 3).astype(np.int64)
 
 
@@ -234,15 +190,18 @@ def _grow_from_short_lines(lines: np.ndarray, lengths: np.ndarray, size: float) 
     thresholds = []
     for k in np.unique(octave[octave > 0]):
         smallest = size / 2.0 ** (k + 1)
-        distance = field.add("Distance")
+        distance, threshold = field.add("Distance"), field.add("Threshold")
         field.setNumbers(distance, "CurvesList", lines[octave == k].tolist())
         field.setNumber(distance, "Sampling", 3)
-        threshold = field.add("Threshold")
-        field.setNumber(threshold, "InField", distance)
-        field.setNumber(threshold, "SizeMin", smallest)
-        field.setNumber(threshold, "SizeMax", size)
-        field.setNumber(threshold, "DistMin", 0.0)
-        field.setNumber(threshold, "DistMax", (size - smallest) / _GROWTH)
+        numbers = {
+            "InField": distance,
+            "SizeMin": smallest,
+            "SizeMax": size,
+            "DistMin": 0.0,
+            "DistMax": (size - smallest) / GROWTH,
+        }
+        for name, number in numbers.items():
+            field.setNumber(threshold, name, number)
         thresholds.append(threshold)
     if thresholds:
         least = field.add("Min")

@@ -11,8 +11,9 @@ from mpi4py import MPI
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
+from cruciform_petsc.continuum.balance import Balance
 from cruciform_petsc.continuum.compare import compare_fields
-from cruciform_petsc.continuum.hyperelastic import Equilibrium, HyperelasticMembrane
+from cruciform_petsc.continuum.hyperelastic import HyperelasticMembrane
 from cruciform_petsc.continuum.membrane import Membrane
 from cruciform_petsc.errors import InputError, SolverError
 from cruciform_petsc.laws import odd_polynomial, sin_powers, table
@@ -75,13 +76,14 @@ def net_extension(length: float, degrees: np.ndarray) -> np.ndarray:
 def test_force_and_tangent_are_derivatives(fabric, bending):
     """In a random state far from rest, clamps turned; central differences."""
     membrane = HyperelasticMembrane(COMM, SQUARE, fabric, 0.015, 3, grading=0, bending=bending)
-    state = Equilibrium(membrane, {"lower": None, "upper": None}, "membrane_")
+    state = Balance(membrane, membrane.rigidity, {"lower": None, "upper": None}, "membrane_")
     rng = np.random.default_rng(5)
     stretch = rotation(40) @ np.array([[1.1, 0.45], [0.1, 0.9]])
-    u = (state._x @ (stretch - np.eye(2)).T + 4e-4 * rng.standard_normal(state._x.shape)).ravel()
-    for constants in state._directions_held.values():
-        for constant in constants:
-            constant.value[:] = rotation(55) @ constant.value
+    x = membrane.nodes
+    u = (x @ (stretch - np.eye(2)).T + 4e-4 * rng.standard_normal(x.shape)).ravel()
+    turn = np.eye(3)
+    turn[:2, :2] = rotation(55)
+    state.turn_clamps({"lower": turn, "upper": turn})
     way = np.where(state.fixed, 0.0, rng.standard_normal(state.fixed.shape)).ravel()
 
     def at(shift: float) -> tuple[float, np.ndarray]:
@@ -90,14 +92,14 @@ def test_force_and_tangent_are_derivatives(fabric, bending):
         return state.energies.sum(), state.force().ravel()
 
     at(0.0)
-    spread = np.ptp(state._q.reshape(-1, 3), axis=0)
+    spread = np.ptp(state.measures.reshape(-1, 3), axis=0)
     assert (spread[:2] > 0.15).all()
     assert spread[2] > 0.3
     force = state.force().ravel()
     matrix = state.assemble()
-    x, y = matrix.createVecs()
-    x.array[:] = way
-    matrix.mult(x, y)
+    along, y = matrix.createVecs()
+    along.array[:] = way
+    matrix.mult(along, y)
     product = y.array.copy()
     symmetric = matrix.isSymmetric(1e-8 * matrix.norm())
     step = 1e-9
@@ -140,9 +142,9 @@ def test_homogeneous_states(fabric):
             step[i, j] = 1e-6
             two = [density(fabric, preform, gradient + s * step) for s in (1, -1)]
             stress[i, j] = (two[0] - two[1]) / 2e-6
-    nodal = result._internal_force
+    nodal = result.nodal_force
     assert np.allclose(nodal.sum(axis=0), 0, rtol=0, atol=1e-9 * abs(stress).max() * 0.02)
-    x = membrane.space.tabulate_dof_coordinates()[: len(nodal), :2]
+    x = membrane.nodes[: len(nodal)]
     moment = nodal.T @ x  # is the stress times the area, by the divergence theorem
     assert np.allclose(moment, 6e-4 * stress, rtol=0, atol=1e-6 * 6e-4 * abs(stress).max())
     points = np.array([[0.003, 0.011], [-0.007, 0.02]])
@@ -177,8 +179,8 @@ def test_picture_frame():
         assert result.energy_shear == pytest.approx(side**2 * energy, rel=1e-10)
         # The frame's work F d(2 L cos(half)) = F L sin(half) d(gamma) is that of the nodes.
         rate = (frame(gamma + 1e-5) - frame(gamma - 1e-5)) / 2e-5
-        nodal = result._internal_force
-        x = membrane.space.tabulate_dof_coordinates()[: len(nodal), :2]
+        nodal = result.nodal_force
+        x = membrane.nodes[: len(nodal)]
         half = (np.pi / 2 - gamma) / 2
         force = (nodal * (x @ rate.T)).sum() / (side * np.sin(half))
         # F_s = F/(2 cos half) acts along a side, its power F_s L cos(gamma) is that of tau L^2.
@@ -375,6 +377,8 @@ def test_wrong_input():
         membrane.solve_motions([{"lower": (*still, 1)}])
     with pytest.raises(InputError, match="motion of an edge"):
         membrane.solve_motions([{"lower": (np.eye(3), np.zeros(2))}])
+    with pytest.raises(InputError, match="inside out"):
+        membrane.solve_motions([{"lower": (np.diag([1.0, -1.0]), np.zeros(2))}])
     with pytest.raises(InputError, match='no edge "top"'):
         membrane.solve_motions([{"top": still}])
     with pytest.raises(InputError, match="degree 2"):
@@ -393,12 +397,36 @@ def test_buckling_is_told():
     assert not above.stable
 
 
+def test_yarns_whose_force_falls():
+    """Descent needs the convex part of a tangent that is not definite: without it, no equilibrium.
+
+    The state is one of least energy: its load is the slope of the energy.
+    """
+    falls = table([0.01, 0.02, 0.04], [1000.0, 900.0, 2000.0])
+    preform = Preform.rectangle(0.02, 0.03, "20 deg")
+    membrane = HyperelasticMembrane(
+        COMM, preform, replace(stiff(1e3), warp_law=falls), 3e-3, 2, grading=1
+    )
+    low, middle, high = membrane.solve_bias_extension([1e-3 - 1e-6, 1e-3, 1e-3 + 1e-6])
+    assert [low.stable, middle.stable, high.stable] == [True] * 3
+    assert middle.load == pytest.approx((high.energy - low.energy) / 2e-6, rel=1e-3)
+
+
+def test_equilibrium_beyond_buckling():
+    """Mixed steps take the tangent as it is: with its convex part they end at the first buckle."""
+    preform = Preform.rectangle(0.02, 0.03, "20 deg")
+    membrane = HyperelasticMembrane(COMM, preform, stiff(1e3), 3e-3, 2, grading=1)
+    (result,) = membrane.solve_bias_extension([-1e-4])
+    assert result.stable is False
+    assert result.cuts == 0
+    assert result.newton_iterations < 10
+
+
 def test_an_impossible_extension():
-    """The upper clamp is pushed through the lower one: told, with what was reached before."""
+    """The upper clamp is pushed through the lower one: told, with the last residuals."""
     preform = Preform.rectangle(0.1, 0.2, "45 deg")
     membrane = HyperelasticMembrane(COMM, preform, stiff(1e2), 0.1, 2, grading=0)
-    reached = []
     with pytest.raises(SolverError, match="no equilibrium beyond .* % of increment 2") as error:
-        membrane.solve_bias_extension([0.01, -0.5], report=reached.append)
+        membrane.solve_bias_extension([0.01, -0.5])
     assert error.value.reason == "NO_EQUILIBRIUM"
-    assert [result.extension for result in reached] == pytest.approx([0.01])
+    assert len(error.value.history) > 1

@@ -47,6 +47,18 @@ def test_results_are_the_same_on_any_number_of_ranks(preform, bending):
     assert together[-1].evaluate(mine)["shear_angle"].max(initial=0.0) < np.pi / 2
 
 
+def test_bending_on_a_graded_mesh():
+    """The triangles beside a rank's own come with the last refinement."""
+    together, alone = (
+        HyperelasticMembrane(
+            comm, PREFORMS["L"], FABRIC, 5e-3, 2, grading=2, bending=True
+        ).solve_bias_extension([2e-3])[0]
+        for comm in (COMM, MPI.COMM_SELF)
+    )
+    assert together.load == pytest.approx(alone.load, rel=1e-3)
+    assert together.energy_bending == pytest.approx(alone.energy_bending, rel=1e-3)
+
+
 def test_failure_reaches_every_rank():
     membrane = HyperelasticMembrane(COMM, PREFORMS["rectangle"], FABRIC, 0.02, 2, grading=0)
     with pytest.raises(SolverError, match="no equilibrium beyond"):
