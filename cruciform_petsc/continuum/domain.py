@@ -18,7 +18,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..errors import InputError
-from ..solvers import linear, options
+from ..solvers import linear
+from ..solvers.options import DIRECT as CHOLESKY
+from ..solvers.options import ITERATIVE as CG
 from .mesh import edge_ends, outline_mesh
 from .points import evaluate
 
@@ -34,9 +36,9 @@ ON_OUTLINE = 2e-6
 # 2.1 GiB per rank against 118 s and 1.8 GiB for multigrid.
 MAX_DOFS_DIRECT = 2_000_000
 
-DIRECT = {**options.DIRECT, "mat_mumps_icntl_14": 50}
+DIRECT = {**CHOLESKY, "mat_mumps_icntl_14": 50}
 ITERATIVE = {
-    **options.ITERATIVE,
+    **CG,
     "ksp_rtol": 1e-11,
     "pc_gamg_threshold": 0.03,
     "mg_levels_pc_type": "jacobi",
