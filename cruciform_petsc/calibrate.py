@@ -16,8 +16,8 @@ import numpy as np
 from mpi4py import MPI
 
 from .calibration import MeasuredCurve, read_curve
-from .calibration.identify import KINDS, Calibration, Specimen, calibrate, calibrate_together
-from .calibration.predict import Prediction, predict
+from .calibration import Calibration, Prediction, Specimen, calibrate, calibrate_together, predict
+from .calibration.load_curve import KINDS
 from .case.schema import Case
 from .errors import InputError
 from .net.network import Network

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..calibration.identify import LARGEST_ERROR, PLACE, Calibration
-from ..calibration.predict import Prediction
+from ..calibration.load_curve import PLACE
+from ..calibration.result import LARGEST_ERROR, Calibration, Prediction
 from ..parallel import on_root
 from .pictures import COLOURS, DASHES, STYLE
 from .tables import write_csv, write_json, written_whole

@@ -5,6 +5,7 @@ import json
 import logging
 import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ from cruciform_petsc.calibration.formula import (
     torque_from_frame,
     torque_from_loads,
 )
-from cruciform_petsc.calibration.identify import LoadCurve, table_changes
+from cruciform_petsc.calibration.load_curve import LoadCurve
+from cruciform_petsc.calibration.rising import law_of, value_changes
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
@@ -60,7 +62,7 @@ def specimen(lumped=3, size=("100 mm", "200 mm"), angle="45 deg", fabric=UNKNOWN
 def loads_of(network, law, displacement=DISPLACEMENT, **options):
     curve = LoadCurve(network, displacement, **options)
     try:
-        return curve.solve(law)
+        return curve.solve(law).loads
     finally:
         curve.destroy()
 
@@ -188,15 +190,13 @@ def test_derivatives_of_the_loads():
     network = specimen()
     curve = LoadCurve(network, displacement)
     try:
-        law = table(angles, values)
-        curve.solve(law)
-        curve.accept()
-        exact = curve.derivatives(law, table_changes(angles, values))
+        found = curve.solve(table(angles, values))
+        exact = curve.derivatives(found, partial(value_changes, angles, values))
         for k in range(4):
             h = 1e-4 * np.eye(4)[k] * values[k]
             up, down = (
-                curve.solve(table(angles, values + h)),
-                curve.solve(table(angles, values - h)),
+                curve.solve(table(angles, values + h), found).loads,
+                curve.solve(table(angles, values - h), found).loads,
             )
             # Newton stops at 1e-8 of the clamps' forces, differences are 1e-4 of them.
             np.testing.assert_allclose(
@@ -357,19 +357,18 @@ def test_network_in_a_frame(size):
     try:
         angles, values = np.deg2rad([5.0, 20.0, 45.0, 70.0]), np.array([3.0, 5.0, 9.0, 20.0])
         law = table(angles, values)
-        loads = curve.solve(law)
-        curve.accept()
+        found = curve.solve(law)
         low_x, low_y, high_x, high_y = network.preform.outline.bounds
-        g, torque = torque_from_frame(FRAME[::2], loads, (high_x - low_x, high_y - low_y))
+        g, torque = torque_from_frame(FRAME[::2], found.loads, (high_x - low_x, high_y - low_y))
         # Work of turning is a difference over 1e-5 of the angle.
         np.testing.assert_allclose(torque, law.evaluate(g)[1], rtol=1e-4)
-        np.testing.assert_allclose(curve.angles(), g, rtol=1e-4)
-        exact = curve.derivatives(law, table_changes(angles, values))
+        np.testing.assert_allclose(found.angles, g, rtol=1e-4)
+        exact = curve.derivatives(found, partial(value_changes, angles, values))
         for k in range(4):
             h = 1e-3 * np.eye(4)[k] * values[k]
-            change = curve.solve(table(angles, values + h)) - curve.solve(table(angles, values - h))
+            up, down = (curve.solve(table(angles, values + s * h), found).loads for s in (1, -1))
             np.testing.assert_allclose(
-                change / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
+                (up - down) / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
             )
     finally:
         curve.destroy()
