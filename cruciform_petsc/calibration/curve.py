@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,6 +96,15 @@ class MeasuredCurve:
                 f"{format_si(f[first], 'N')} at {format_si(d[first], 'm')}; take the slack out"
             )
         return cls(d, f, rows)
+
+    @classmethod
+    def joined(cls, curves: Sequence[MeasuredCurve]) -> MeasuredCurve:
+        """The points of several curves, one curve after the other."""
+        return cls(
+            np.concatenate([curve.displacement for curve in curves]),
+            np.concatenate([curve.force for curve in curves]),
+            sum(curve.rows for curve in curves),
+        )
 
 
 def read_curve(path: str | Path, most: int = MOST_POINTS) -> MeasuredCurve:

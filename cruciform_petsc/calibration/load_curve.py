@@ -16,9 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..cloth.fabric import Fabric
 from ..equilibrium.finite import FiniteNetwork
 from ..equilibrium.newton import Equilibrium, EquilibriumError, follow
-from ..errors import CruciformError, InputError
+from ..errors import CruciformError
 from ..experiments.bias_extension import BiasExtension
 from ..experiments.experiment import Experiment
 from ..experiments.picture_frame import PictureFrame
@@ -27,12 +28,11 @@ from ..net.edges import Constraints
 from ..net.lattice import QUADRANTS
 from ..net.network import Network
 from .formula import frame_angle
+from .specimen import Specimen
 
-KINDS = (BiasExtension.kind, PictureFrame.kind)
 # What the law depends on without being identified, worth a look each time.
 DOUBLED = ("tension modulus", "yarn bending", "compression")
 PLACE = "place of the yarns"
-OFF_RECTANGLE = 1e-6  # of its area, that a rectangle given as a polygon may be
 STEP = 1e-5  # of the control, for differences
 
 
@@ -48,7 +48,7 @@ class Loads:
     angles : float (n,)
         Largest shear angle of a crossover [rad].
     places : list of float (n_local, 2)
-        Positions of the network's nodes, of this rank.
+        Positions of this rank's nodes.
     """
 
     law: Potential
@@ -58,45 +58,29 @@ class Loads:
 
 
 class LoadCurve:
-    """The load of a specimen at given displacements, as a function of the shear law. Collective.
+    """Loads at a specimen's measured displacements, as functions of the shear law. Collective.
 
-    Call destroy when done.
-
-    Parameters
-    ----------
-    network : Network
-    displacement : float (n,)
-        Ascending [m]: extensions, or growths of a picture frame's diagonal.
-    kind, upper, bending
-        See Specimen.
-    options : dict, optional
-        PETSc options for the solver.
+    Call destroy when done. ``options`` are PETSc's for the solver.
     """
 
-    def __init__(
-        self,
-        network: Network,
-        displacement: np.ndarray,
-        kind: str = KINDS[0],
-        upper: str = "grip",
-        bending: bool = True,
-        options: dict | None = None,
-    ):
-        self.network, self.displacement = network, np.asarray(displacement, float)
-        self._settings = kind, upper, bending, options
-        self.experiment: Experiment
-        if kind == PictureFrame.kind:
-            angles = frame_angle(self.displacement, frame_sides(network))
-            self.experiment = PictureFrame(network, angles, finite=True, bending=bending)
+    def __init__(self, specimen: Specimen, options: dict | None = None):
+        self.specimen, self._options = specimen, options
+        self.newton_steps = 0
+        network, bending = specimen.network, specimen.bending
+        controls = specimen.curve.displacement
+        self._experiment: Experiment
+        if specimen.is_frame:
+            controls = frame_angle(controls, specimen.sides)
+            self._experiment = PictureFrame(network, controls, finite=True, bending=bending)
         else:
-            self.experiment = BiasExtension(
-                network, self.displacement, upper=upper, finite=True, bending=bending
+            self._experiment = BiasExtension(
+                network, controls, upper=specimen.upper, finite=True, bending=bending
             )
+        self._controls = [float(control) for control in controls]
         constraints = Constraints(network, bending)
-        self._grips = self.experiment.grip(constraints)
+        self._grips = self._experiment.grip(constraints)
         self._model = FiniteNetwork(constraints)
         self._equilibrium = Equilibrium(self._model, options)
-        self.newton_steps = 0
 
     def destroy(self) -> None:
         """Free what PETSc holds. Collective."""
@@ -105,65 +89,59 @@ class LoadCurve:
     def solve(self, law: Potential, start: Loads | None = None) -> Loads:
         """Find equilibrium at each displacement. Collective.
 
-        From ``start``, of another law, it takes two or three Newton steps each; without, and where
-        that fails, from rest.
-
-        Raises
-        ------
-        EquilibriumError
-            On every rank: there is no equilibrium.
+        From ``start``, of another law, it takes two or three Newton steps each; without, or where
+        that fails, it is followed from rest. EquilibriumError on every rank if there is none.
         """
-        self._model.cloth = replace(self._model.cloth, shear=law.packed)
-        if start is not None:
-            try:
-                return self._measured(law, lambda accept: self._restart(start.places, accept))
-            except EquilibriumError:
-                pass
-        return self._measured(law, self._from_rest)
+        experiment, model, equilibrium = self._experiment, self._model, self._equilibrium
+        model.cloth = replace(model.cloth, shear=law.packed)
+        found: list[tuple[float, float]] = []  # load, angle
+        places: list[np.ndarray] = []
+
+        def accepted(increment, x: np.ndarray) -> None:
+            self.newton_steps += increment.iterations
+            if increment.asked:
+                state = experiment._state(model, equilibrium, self._grips, increment.control)
+                found.append((state.load, model.shear_angle_max(x)))
+                places.append(x.copy())
+
+        try:
+            for control, x in zip(self._controls, start.places if start else [], strict=False):
+                equilibrium.x = self._place(control, x)
+                accepted(replace(equilibrium.solve(control), asked=True), equilibrium.x)
+        except EquilibriumError:
+            found, places = [], []
+        if not found:
+            equilibrium.x = self._place(0.0, model.rest)
+            step = experiment.default_step()
+            follow(equilibrium, self._drive, self._controls, step, accepted)
+        loads, angles = self.specimen.network.comm.bcast(np.transpose(found))
+        return Loads(law, loads, angles, places)
 
     def solve_otherwise(self, what: str, start: Loads) -> np.ndarray | None:
-        """Loads with another value of something assumed, with the law of ``start``, N; (n,).
+        """Loads with another value of something assumed and the law of ``start``, N; (n,).
 
         Collective. ``what`` is one of DOUBLED, or PLACE: the yarns half a cell of the lattice away,
         which changes what yarns the clamps hold. None if that cannot be or has no equilibrium.
         """
-        kind, upper, bending, options = self._settings
-        fabric, preform = self.network.fabric, self.network.preform
-        warp, weft = fabric.warp, fabric.weft
+        network, other = self.specimen.network, None
+        fabric, preform = network.fabric, network.preform
+        if what == "yarn bending" and not self.specimen.bending:
+            return None
         try:
-            if what == "tension modulus":
-                fabric = replace(
-                    fabric,
-                    warp=replace(warp, modulus=2.0 * warp.modulus),
-                    weft=replace(weft, modulus=2.0 * weft.modulus),
-                    warp_law=_doubled(fabric.warp_law),
-                    weft_law=_doubled(fabric.weft_law),
-                )
-            elif what == "yarn bending":
-                if not bending:
-                    return None
-                fabric = replace(
-                    fabric,
-                    warp=replace(warp, yarn_bending=2.0 * warp.yarn_bending),
-                    weft=replace(weft, yarn_bending=2.0 * weft.yarn_bending),
-                )
-            elif what == "compression":
-                fabric = replace(fabric, compression=2.0 * fabric.compression)
+            if what == PLACE:
+                x, y = preform.lattice_origin + network.to_lab(0.5 * network.pitch)
+                preform = replace(preform, origin=(float(x), float(y)))
             else:
-                shift = self.network.to_lab(0.5 * self.network.pitch)
-                x, y = map(float, preform.lattice_origin + shift)
-                preform = replace(preform, origin=(x, y))
-            network = Network(self.network.comm, preform, fabric)
-            other = LoadCurve(network, self.displacement, kind, upper, bending, options)
+                fabric = _with_twice(fabric, what)
+            network = Network(network.comm, preform, fabric)
+            other = LoadCurve(replace(self.specimen, network=network), self._options)
+            return other.solve(start.law, None if what == PLACE else start).loads
         except CruciformError:  # on all ranks
             return None
-        try:
-            return other.solve(start.law, None if what == PLACE else start).loads
-        except EquilibriumError:
-            return None
         finally:
-            self.newton_steps += other.newton_steps
-            other.destroy()
+            if other is not None:
+                self.newton_steps += other.newton_steps
+                other.destroy()
 
     def derivatives(self, at: Loads, changes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Derivatives of the loads by parameters of the law, (n, m) N per unit. Collective.
@@ -178,83 +156,54 @@ class LoadCurve:
         model.cloth = replace(model.cloth, shear=at.law.packed)
         rows, area = model.cruciforms.rows, model.cruciforms.area
         result = []
-        for control, x in zip(self.experiment.values, at.places, strict=True):
+        for control, x in zip(self._controls, at.places, strict=True):
             moved, step = self._moved(control, x), STEP * control
-            behind, ahead = (self._quadrants(control + s, x + s * moved) for s in (-step, step))
-            angle = 0.5 * (behind + ahead)[rows].ravel()
-            rate = (area * (ahead - behind)[rows]).ravel() / (2.0 * step)
-            result.append(changes(angle) @ rate * self.experiment.load_of(1.0, control))
-        return self.network.comm.allreduce(np.array(result))
-
-    # What knows how a network is driven, solved and measured is below.
-
-    def _measured(self, law: Potential, run: Callable[[Callable[[float], None]], None]) -> Loads:
-        """What `run` finds, which calls its argument at each equilibrium that counts."""
-        loads, angles, places = [], [], []
-
-        def accept(control: float) -> None:
-            x = self._equilibrium.x.copy()
-            angles.append(self._model.shear_angle_max(x))
-            places.append(x)
-            state = self.experiment._state(self._model, self._equilibrium, self._grips, control)
-            loads.append(state.load)
-
-        run(accept)
-        return Loads(law, *self.network.comm.bcast((np.array(loads), np.array(angles))), places)
-
-    def _restart(self, places: list[np.ndarray], accept: Callable[[float], None]) -> None:
-        for control, x in zip(self.experiment.values, places, strict=True):
-            self._place(control, x)
-            self.newton_steps += self._equilibrium.solve(control).iterations
-            accept(control)
-
-    def _from_rest(self, accept: Callable[[float], None]) -> None:
-        def accepted(increment, _x) -> None:
-            self.newton_steps += increment.iterations
-            if increment.asked:
-                accept(increment.control)
-
-        self._place(0.0, self._model.rest)
-        targets = [float(value) for value in self.experiment.values]
-        step = self.experiment.default_step()
-        follow(self._equilibrium, self._drive, targets, step, accepted)
+            behind, ahead = (
+                self._quadrants(control + s, x + s * moved)[rows] for s in (-step, step)
+            )
+            rate = area * (ahead - behind) / (2.0 * step) * self._experiment.load_of(1.0, control)
+            result.append(changes(0.5 * (behind + ahead).ravel()) @ rate.ravel())
+        return self.specimen.network.comm.allreduce(np.array(result))
 
     def _drive(self, control: float):
-        return self.experiment._motions(self._grips, control), 0.0
+        return self._experiment._motions(self._grips, control), 0.0
 
-    def _place(self, control: float, x: np.ndarray) -> None:
-        """Put the nodes, and what clamps hold, where they are at a control."""
-        self._equilibrium.x = x.copy()
-        self._model.prescribe(self._equilibrium.x, self._drive(control)[0])
+    def _place(self, control: float, x: np.ndarray) -> np.ndarray:
+        """Positions with the clamps, and what these hold, where they are at a control."""
+        x = x.copy()
+        self._model.prescribe(x, self._drive(control)[0])
+        return x
 
     def _moved(self, control: float, x: np.ndarray) -> np.ndarray:
         """Change of all places per change of the control, yarn frame, (n_local, 2)."""
-        experiment, network, model = self.experiment, self.network, self._model
-        self._place(control, x)
-        if experiment.kind == PictureFrame.kind:  # uniform; its clamps also turn what they hold
+        experiment, network, model = self._experiment, self.specimen.network, self._model
+        if self.specimen.is_frame:  # uniform; its clamps turn what they hold, too
             behind, ahead = (experiment.motion("lower", control + s)[0] for s in (-STEP, STEP))
             return network.to_yarn(network.to_lab(model.rest) @ (ahead - behind).T) / (2.0 * STEP)
+        self._equilibrium.x = self._place(control, x)
         return experiment._load_slope(model, self._equilibrium, self._grips, control)[1]
 
     def _quadrants(self, control: float, x: np.ndarray) -> np.ndarray:
         """Shear angle of each quadrant, rad; (crossovers owned, 4)."""
-        self._model.prescribe(x.copy(), self._drive(control)[0])
-        rotation = self._model.crossover_fields(x)["arm_rotation"]
+        rotation = self._model.crossover_fields(self._place(control, x))["arm_rotation"]
         return rotation[:, QUADRANTS[:, 0]] - rotation[:, QUADRANTS[:, 1]]
 
 
-def frame_sides(network: Network) -> tuple[float, float]:
-    """Sides of a picture frame, m."""
-    size = network.preform.sides(OFF_RECTANGLE)
-    if size is None:
-        raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
-    return size
+def _with_twice(fabric: Fabric, what: str) -> Fabric:
+    """The cloth with twice one of DOUBLED; InputError if that cannot be."""
+    if what == "compression":
+        return replace(fabric, compression=2.0 * fabric.compression)
+    name, times = ("yarn_bending", 1.0) if what == "yarn bending" else ("modulus", 2.0)
+    changes = {}
+    for side in ("warp", "weft"):
+        family, law = getattr(fabric, side), getattr(fabric, f"{side}_law")
+        changes[side] = replace(family, **{name: 2.0 * getattr(family, name)})
+        changes[f"{side}_law"] = law and _times(times, law)
+    return replace(fabric, **changes)
 
 
-def _doubled(law: Potential | None) -> Potential | None:
-    """Twice a law; what is linear in the force follows the kind, numbers and knots."""
-    if law is None:
-        return None
-    kind = law.data[0]
-    first = 1 if kind == LINEAR else 3 + int(law.data[1]) if kind == TABLE else 2
-    return Potential((*law.data[:first], *(2.0 * value for value in law.data[first:])))
+def _times(factor: float, law: Potential) -> Potential:
+    """A law times a number; what is linear in the force follows the kind, numbers and knots."""
+    kind, number = law.data[:2]
+    first = 1 if kind == LINEAR else 3 + int(number) if kind == TABLE else 2
+    return Potential((*law.data[:first], *(factor * value for value in law.data[first:])))

@@ -12,7 +12,9 @@ from ..cloth.fabric import Fabric
 from ..laws import Potential
 from .curve import MeasuredCurve
 from .load_curve import PLACE
+from .rising import law_of
 from .specimen import Specimen
+from .statistics import Estimate
 
 LARGEST_ERROR = 0.2  # relative; a value whose standard error is larger counts as not determined
 POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
@@ -27,10 +29,13 @@ class Comparison:
     curve : MeasuredCurve
     loads : float (n,)
         Of the network with the law [N].
+    reached : float (n,)
+        Largest shear angle of a crossover at each point [rad].
     """
 
     curve: MeasuredCurve
     loads: np.ndarray
+    reached: np.ndarray
 
     @property
     def residuals(self) -> np.ndarray:
@@ -49,19 +54,16 @@ class Prediction(Comparison):
 
     Attributes
     ----------
-    angles : float (n,)
-        Largest shear angle of a crossover at each point [rad].
     known_to : float
         Shear angle from which on the law is extrapolated [rad].
     """
 
-    angles: np.ndarray
     known_to: float
 
     @property
     def extrapolated(self) -> np.ndarray:
         """Points at which some of the cloth shears further than the law is known, bool (n,)."""
-        return self.angles > self.known_to * (1.0 + 1e-9)
+        return self.reached > self.known_to * (1.0 + 1e-9)
 
     @property
     def rms_known(self) -> float:
@@ -91,28 +93,17 @@ class Calibration(Comparison):
 
     Attributes
     ----------
-    fabric : Fabric
-        The cloth with this law.
     specimens : tuple of Specimen
-    law, start_law : Potential
-        psi over the shear angle [N/m over rad]; the start is `start_from`.
+    start_law : Potential
+        psi over the shear angle [N/m over rad], which is `start_from`.
     start_from : str
         "closed formula" or "straight line".
     start_loads : float (n,)
         Of the network with the start [N].
-    angles, values, standard_errors : float (m,)
-        The table [rad, N/m], and the standard errors of its values [N/m].
-    determined : bool (m,)
-        Whether the data determine the value: cloth sheared beyond the angle before, and the
-        relative standard error is at most LARGEST_ERROR.
-    reached : float (n,)
-        Largest shear angle of a crossover at each point [rad].
-    noise : float
-        Relative error of the loads that the standard errors go by.
-    singular_values : float (m,)
-        Of the relative derivatives d ln F_i/d ln psi'_k, the largest first.
-    effective_parameters : float
-        How many parameters the data settle; the others come from the smoothing.
+    angles, values : float (m,)
+        The law's table [rad, N/m].
+    estimate : Estimate
+        For relative changes of the values and of the loads, d ln F_i/d ln psi'_k.
     assumptions : dict of Assumption
         What twice the tension modulus, the yarn bending, the stiffness in compression would change,
         and another place of the yarns in the specimen, half a cell of the lattice away.
@@ -124,20 +115,13 @@ class Calibration(Comparison):
         Why the iterations ended.
     """
 
-    fabric: Fabric
     specimens: tuple[Specimen, ...]
-    law: Potential
     start_law: Potential
     start_from: str
     start_loads: np.ndarray
     angles: np.ndarray
     values: np.ndarray
-    standard_errors: np.ndarray
-    determined: np.ndarray
-    reached: np.ndarray
-    noise: float
-    singular_values: np.ndarray
-    effective_parameters: float
+    estimate: Estimate
     assumptions: dict[str, Assumption]
     smoothing: float
     iterations: int
@@ -145,6 +129,30 @@ class Calibration(Comparison):
     newton_steps: int
     seconds: float
     message: str
+
+    @property
+    def law(self) -> Potential:
+        """Psi over the shear angle [N/m over rad]."""
+        return law_of(self.angles, self.values)
+
+    @property
+    def fabric(self) -> Fabric:
+        """The cloth with this law."""
+        return self.specimens[0].network.fabric.with_shear_law(self.law)
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Of the values, (m,) N/m."""
+        return self.estimate.errors * self.values
+
+    @property
+    def determined(self) -> np.ndarray:
+        """Whether the data determine each value, bool (m,).
+
+        Cloth sheared beyond the angle before, and the standard error is at most LARGEST_ERROR.
+        """
+        visited = np.append(0.0, self.angles[:-1]) < self.reached.max()
+        return visited & (self.estimate.errors <= LARGEST_ERROR)
 
     @property
     def parts(self) -> list[slice]:
@@ -177,7 +185,7 @@ class Calibration(Comparison):
         return ranges
 
     def ranges(self, marked: np.ndarray) -> list[tuple[float, float]]:
-        """Ranges of angles, rad, about marked ones of the table, from the one before to the next."""
+        """Ranges of angles, rad, from before each marked one of the table to after it."""
         knots = [0.0, *map(float, self.angles), np.inf]
         ranges: list[tuple[float, float]] = []
         for k in np.flatnonzero(marked):
@@ -193,12 +201,12 @@ class Calibration(Comparison):
         texts = [
             f"The specimen sheared by up to {first:.1f} deg at its first point and {last:.1f} deg "
             "at its last: before, the law is a curve from zero; past that it is extrapolated along "
-            "its last slope.",
-            *(
-                f"Between {low:.1f} and {high:.1f} deg the data do not determine the law to "
-                f"{percent}: it follows from smoothness there."
-                for low, high in gaps
-            ),
+            "its last slope."
+        ]
+        texts += [
+            f"Between {low:.1f} and {high:.1f} deg the data do not determine the law to {percent}: "
+            "it follows from smoothness there."
+            for low, high in gaps
         ]
         if beyond < last * (1 - 1e-9) and not self.determined[-1]:
             texts.append(
@@ -211,18 +219,15 @@ class Calibration(Comparison):
                 f"{100 * self.rms:.0f} %): check the specimen's size, the units and the yarns."
             )
         for name, assumption in self.assumptions.items():
-            load, value = (
-                100.0 * float(np.abs(part).max()) for part in (assumption.loads, assumption.values)
-            )
-            if value <= 5.0:
-                continue
-            other, with_ = f"Twice the {name}", f"the fabric's {name}"
+            load, value = 100 * abs(assumption.loads).max(), 100 * abs(assumption.values).max()
+            other, fixed = f"Twice the {name}", f"the fabric's {name}"
             if name == PLACE:
-                other, with_ = "Yarns half a cell away", "the place of the yarns in the specimen"
-            texts.append(
-                f"{other} would change loads by up to {load:.0f} % and the law by up to "
-                f"{value:.0f} %: the law holds together with {with_}."
-            )
+                other, fixed = "Yarns half a cell away", "the place of the yarns in the specimen"
+            if value > 5.0:
+                texts.append(
+                    f"{other} would change loads by up to {load:.0f} % and the law by up to "
+                    f"{value:.0f} %: the law holds together with {fixed}."
+                )
         return texts
 
 

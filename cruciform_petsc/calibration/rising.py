@@ -32,20 +32,12 @@ class RisingTable:
     with f0 that of the start, and s the size of its rises. Without an upper bound the v_k are plain
     sums of rises.
 
-    Parameters
+    Attributes
     ----------
     angles : float (m,)
         Ascending from above zero, rad.
-    first : Potential
-        The law to start from.
-    bounds : (Potential or None, Potential or None)
-        Laws that the values may not be below, or above.
-
-    Attributes
-    ----------
-    angles
     start : float (m,)
-        Parameters of the table that is nearest to the first law.
+        Parameters of the table that follows the law to start from.
     box : float (2, m)
         Least and largest parameters.
     bends : float (m - 2, m)

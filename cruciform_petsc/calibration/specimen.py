@@ -4,18 +4,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..elements.kinematics import net_reach
 from ..errors import InputError
+from ..experiments.bias_extension import BiasExtension
+from ..experiments.picture_frame import PictureFrame
 from ..net.network import Network
 from ..units import format_si
 from .curve import MeasuredCurve
 from .formula import frame_angle, torque_from_frame, torque_from_loads
-from .load_curve import KINDS, OFF_RECTANGLE, LoadCurve, frame_sides
 
+KINDS = (BiasExtension.kind, PictureFrame.kind)
+OFF_RECTANGLE = 1e-6  # of its area, that a rectangle given as a polygon may be
 LARGEST_FRAME_ANGLE = np.deg2rad(85.0)
 
 
@@ -41,30 +43,26 @@ class Specimen:
 
     network: Network
     curve: MeasuredCurve
-    kind: str = KINDS[0]
+    kind: str = BiasExtension.kind
     upper: str = "grip"
     bending: bool = True
     weight: float = 1.0
 
-    @classmethod
-    def measured(
-        cls, network: Network, displacement: Any, force: Any, user: str, **test: Any
-    ) -> Specimen:
-        """Put together what a function called ``user`` was given; a curve may stand for points."""
-        curve = displacement
-        if not isinstance(curve, MeasuredCurve):
-            if force is None:
-                raise InputError(f"{user} needs the forces beside the displacements")
-            curve = MeasuredCurve.from_points(displacement, force)
-        return cls(network, curve, **test)
+    @property
+    def is_frame(self) -> bool:
+        """Whether it is a picture frame."""
+        return self.kind == PictureFrame.kind
 
-    def load_curve(self, options: dict | None) -> LoadCurve:
-        """The network's load at the measured displacements. Collective; to be destroyed."""
-        return LoadCurve(
-            self.network, self.curve.displacement, self.kind, self.upper, self.bending, options
-        )
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Sides of a picture frame, m."""
+        size = self.network.preform.sides(OFF_RECTANGLE)
+        if size is None:
+            raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
+        return size
 
-    def _strip(self) -> tuple[float, float, float] | None:
+    @property
+    def strip(self) -> tuple[float, float, float] | None:
         """Width and length of a whole strip cut at 45 degrees, m, and how many of these it is.
 
         None for anything else.
@@ -77,9 +75,10 @@ class Specimen:
         return size[0], halves * size[1], halves
 
     def check(self) -> None:
-        """Raise InputError for a kind or weight that is none, and for data beyond the specimen.
+        """Refuse a kind or a weight that is none, and data past what the specimen can do.
 
-        That is far past where the yarns of a strip lie along the pull, or a frame all but closed.
+        That is far past where a strip's yarns lie along the pull, or where a frame is all but
+        closed. Raises InputError.
         """
         if not (np.isfinite(self.weight) and self.weight > 0.0):
             raise InputError(
@@ -88,35 +87,34 @@ class Specimen:
         if self.kind not in KINDS:
             raise InputError(f"kind is '{self.kind}'; it can be '{KINDS[0]}' or '{KINDS[1]}'")
         last = float(np.max(self.curve.displacement))
-        if self.kind == "picture-frame":
-            a, b = frame_sides(self.network)
-            if not frame_angle(last, (a, b)) < LARGEST_FRAME_ANGLE:
+        start = f"the data go to {format_si(last, 'm')}, but"
+        if self.is_frame:
+            a, b = self.sides
+            if not frame_angle(last, self.sides) < LARGEST_FRAME_ANGLE:
                 raise InputError(
-                    f"the data go to {format_si(last, 'm')}, but a frame of {format_si(a, 'm')} x "
-                    f"{format_si(b, 'm')} is closed at {format_si(a + b - float(np.hypot(a, b)), 'm')}: "
-                    "check the frame's size, the unit of the displacement and that it is that of "
-                    "the corner along the diagonal"
+                    f"{start} a frame of {format_si(a, 'm')} x {format_si(b, 'm')} is closed at "
+                    f"{format_si(a + b - float(np.hypot(a, b)), 'm')}: check the frame's size, the "
+                    "unit of the displacement and that it is that of the corner along the diagonal"
                 )
-        elif strip := self._strip():
-            width, length, halves = strip
+        elif self.strip is not None:
+            width, length, halves = self.strip
             reach = net_reach(length - width) / halves
             if 0.0 < 1.5 * reach < last:
                 raise InputError(
-                    f"the data go to {format_si(last, 'm')}, but the yarns of a specimen of "
-                    f"{format_si(width, 'm')} x {format_si(length / halves, 'm')} lie along the "
-                    f"pull at {format_si(reach, 'm')}: check the specimen's size and the unit of "
-                    "the displacement"
+                    f"{start} the yarns of a specimen of {format_si(width, 'm')} x "
+                    f"{format_si(length / halves, 'm')} lie along the pull at "
+                    f"{format_si(reach, 'm')}: check the specimen's size and the unit of the "
+                    "displacement"
                 )
 
     def closed_formula(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Angles, rad, and torques, N/m, by the closed formula; None where it does not hold."""
         d, f = self.curve.displacement, self.curve.force
-        if self.kind == "picture-frame":
-            return torque_from_frame(d, f, frame_sides(self.network))
-        strip = self._strip()
-        if strip is None:
+        if self.is_frame:
+            return torque_from_frame(d, f, self.sides)
+        if self.strip is None:
             return None
-        width, length, halves = strip
+        width, length, halves = self.strip
         if length < 2.0 * width * (1.0 - 1e-6):
             return None
         angle, torque = torque_from_loads(halves * d, f, width, length)
