@@ -30,7 +30,7 @@ from ..errors import CruciformError, InputError
 from ..laws import Potential, linear
 from ..net.network import Network
 from .curve import MeasuredCurve
-from .load_curve import DOUBLED, PLACE, LoadCurve
+from .load_curve import DOUBLED, PLACE, LoadCurve, Loads
 from .result import Assumption, Calibration, Prediction, rms
 from .rising import Bounds, RisingTable, law_of, rising_law, table_angles, value_changes
 from .specimen import Specimen
@@ -121,10 +121,12 @@ def calibrate_together(
             stack.callback(curves[-1].destroy)
         try:
             start_from, first = _first_law(curves)
-            fit = _Fit(curves, first, smoothing, told)
+            start = [curve.solve(first) for curve in curves]
+            reached = max(float(part.angles.max()) for part in start)
+            table = RisingTable(table_angles(angles, reached), first, bounds)
+            fit = _Fit(curves, start, table, smoothing, told)
             start_loads = fit.loads
             told(f"start from the {start_from}, RMS {fit.percent}")
-            fit.table = RisingTable(table_angles(angles, fit.reached.max()), first, bounds)
             message, evaluations = fit.minimise(comm)
         except EquilibriumError as error:
             raise InputError(
@@ -135,12 +137,12 @@ def calibrate_together(
         return Calibration(
             fit.curve,
             fit.loads,
-            fit.reached,
+            np.concatenate([part.angles for part in fit.solved]),
             tuple(specimens),
             first,
             start_from,
             start_loads,
-            fit.table.angles,
+            table.angles,
             fit.values,
             comm.bcast(fit.estimate()),
             comm.bcast(fit.assumptions()),
@@ -228,45 +230,35 @@ class _Fit:
     ----------
     curve : MeasuredCurve
         Of all specimens.
-    table : RisingTable
-    steps : int
+    solved : list of Loads
     z, values : float (m,)
-        Parameters and table of the last step.
-    relative : float (n + m - 2, m)
-        Derivatives there, by the logarithms of the values, of what is squared and summed: n
+        Parameters and table.
+    relative, by_z : float (n + m - 2, m)
+        Derivatives, by the logarithms of the values and by z, of what is squared and summed: n
         weighted relative errors, then second differences.
-    by_z : float (n + m - 2, m)
-        Those by z.
     """
-
-    table: RisingTable
 
     def __init__(
         self,
         curves: Sequence[LoadCurve],
-        first: Potential,
+        start: list[Loads],
+        table: RisingTable,
         smoothing: float,
         told: Callable[[str], None],
     ):
-        self._curves, self._smoothing, self._told = curves, smoothing, told
-        self._solved = self._trial = [curve.solve(first) for curve in curves]
-        self.curve = MeasuredCurve.joined([c.specimen.curve for c in curves])
-        weight = [
-            np.full(len(c.specimen.curve.force), c.specimen.weight / len(c.specimen.curve.force))
-            for c in curves
-        ]
-        self._weight = np.sqrt(np.concatenate(weight) / sum(c.specimen.weight for c in curves))
+        self._curves, self.solved, self.table, self._told = curves, start, table, told
+        specimens = [curve.specimen for curve in curves]
+        self.curve = MeasuredCurve.joined([s.curve for s in specimens])
+        sizes = [len(s.curve.force) for s in specimens]
+        weight = np.repeat([s.weight / n for s, n in zip(specimens, sizes, strict=True)], sizes)
+        self._weight = np.sqrt(weight / weight.sum())
+        self._bends = smoothing / np.sqrt(max(len(table.bends), 1)) * table.bends
         self.steps = -1  # the table to start from is none
 
     @property
     def loads(self) -> np.ndarray:
         """Loads of the last step, N."""
-        return np.concatenate([part.loads for part in self._solved])
-
-    @property
-    def reached(self) -> np.ndarray:
-        """Largest shear angle at each point in the last step, rad."""
-        return np.concatenate([part.angles for part in self._solved])
+        return np.concatenate([part.loads for part in self.solved])
 
     @property
     def percent(self) -> str:
@@ -278,19 +270,13 @@ class _Fit:
         errors = self._weight * (loads / self.curve.force - 1.0)
         return np.concatenate([errors, self._bends @ np.log(values)])
 
-    @property
-    def _bends(self) -> np.ndarray:
-        bends = self.table.bends
-        return self._smoothing / np.sqrt(max(len(bends), 1)) * bends
-
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """What is squared and summed at z; not finite if there is no equilibrium. Collective."""
         values = self.table.values(z)[0]
         law = law_of(self.table.angles, values)
+        pairs = zip(self._curves, self.solved, strict=True)
         try:
-            self._trial = [
-                c.solve(law, start) for c, start in zip(self._curves, self._solved, strict=True)
-            ]
+            self._trial = [curve.solve(law, start) for curve, start in pairs]
         except EquilibriumError:
             if self.steps < 0:
                 raise
@@ -299,16 +285,14 @@ class _Fit:
 
     def jacobian(self, z: np.ndarray) -> np.ndarray:
         """Accept z, whose residuals were worked out last; their derivatives by z. Collective."""
-        self.z, self._solved, self.steps = z, self._trial, self.steps + 1
+        self.z, self.solved, self.steps = z, self._trial, self.steps + 1
         self.values, self._slopes = self.table.values(z)
         if self.steps:
             self._told(f"step {self.steps}, RMS {self.percent}")
         changes = partial(value_changes, self.table.angles, self.values)
-        parts = [
-            c.derivatives(at, changes) for c, at in zip(self._curves, self._solved, strict=True)
-        ]
-        weight = self._weight / self.curve.force
-        data = weight[:, None] * np.concatenate(parts) * self.values
+        pairs = zip(self._curves, self.solved, strict=True)
+        rates = np.concatenate([curve.derivatives(at, changes) for curve, at in pairs])
+        data = (self._weight / self.curve.force)[:, None] * rates * self.values
         self.relative = np.concatenate([data, self._bends])
         self.by_z = self.relative / self.values @ self._slopes
         return self.by_z
@@ -369,15 +353,12 @@ class _Fit:
         room = self.table.box - self.z + 1e-12 * np.array([[-1.0], [1.0]])  # on both sides of zero
         result = {}
         for what in (*DOUBLED, PLACE):
-            parts = [
-                c.solve_otherwise(what, at)
-                for c, at in zip(self._curves, self._solved, strict=True)
-            ]
+            pairs = zip(self._curves, self.solved, strict=True)
+            parts = [curve.solve_otherwise(what, at) for curve, at in pairs]
             found = [part for part in parts if part is not None]
             if len(found) == len(parts):
                 loads = np.concatenate(found)
                 step = lsq_linear(self.by_z, -self._sum_of(loads, self.values), room).x
-                result[what] = Assumption(
-                    loads / self.loads - 1.0, self._slopes @ step / self.values
-                )
+                change = self._slopes @ step / self.values
+                result[what] = Assumption(loads / self.loads - 1.0, change)
         return result
