@@ -329,7 +329,7 @@ class _Fit:
                 gtol=FLAT,
                 max_nfev=MOST_EVALUATIONS,
             )
-        except CruciformError:  # from what was asked, on all ranks
+        except CruciformError:  # by what was asked, on all ranks
             raise
         except Exception as error:
             comm.bcast(("failed", f"on rank 0: {type(error).__name__}: {error}"))

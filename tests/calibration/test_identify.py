@@ -36,6 +36,7 @@ from cruciform_petsc.equilibrium.newton import EquilibriumError
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.laws import linear, odd_polynomial, table
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.calibration import figure
 
 DEMOS = Path(__file__).parents[2] / "demos"
 GLASS_PP = Fabric.from_library("glass-pp-plain-1.93")
@@ -664,6 +665,32 @@ def test_calibration_of_the_published_curve(tmp_path):
         specimen(3, ("115 mm", "230 mm"), fabric=GLASS_PP), law, told["displacement_m"]
     )
     np.testing.assert_allclose(again, told["load_n"], rtol=2e-3)
+
+
+def test_picture():
+    """What is drawn: data, start and fit over the displacement; errors; the law over the angle."""
+    square = frame()
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    found = calibrate(square, FRAME, 1.02 * loads, kind="picture-frame")
+    curves, residuals, law = figure(found, "Frame").axes
+    start, fit, data = (line.get_xydata().T for line in curves.lines)
+    np.testing.assert_allclose(start, [[0.0, *1e3 * FRAME], [0.0, *found.start_loads]])
+    np.testing.assert_allclose(fit, [[0.0, *1e3 * FRAME], [0.0, *found.loads]])
+    np.testing.assert_allclose(data, [1e3 * FRAME, found.curve.force])
+    assert [text.get_text()[:8] for text in curves.get_legend().texts] == [
+        "start fr", "network ", "measured",
+    ]  # fmt: skip
+    np.testing.assert_allclose(residuals.lines[-1].get_ydata(), 100 * found.residuals)
+    lines = {line.get_label(): line.get_xydata().T for line in law.lines}
+    angle, value = lines["identified law"]
+    np.testing.assert_allclose(value, 1e-3 * found.law.evaluate(np.deg2rad(angle))[1])
+    angle, value = lines["if the yarns lay half a cell away"]
+    moved = found.values * (1.0 + found.assumptions["place of the yarns"].values)
+    np.testing.assert_allclose([angle[1:], value[1:]], [np.rad2deg(found.angles), 1e-3 * moved])
+    dots = [line.get_xdata() for line in law.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(np.sort(np.concatenate(dots)), np.rad2deg(found.angles))
+    (reached,) = [line for line in law.lines if line.get_color() == "0.4"]
+    assert reached.get_xdata()[0] == pytest.approx(np.rad2deg(found.reached.max()))
 
 
 def test_other_tests_are_refused(tmp_path):
