@@ -27,13 +27,7 @@ SMALLEST_DEFLECTION = 1e-6
 
 
 def tip_deflection(load_number: float) -> float:
-    """Deflection of the tip over the length, w/L, for the load number P L^2/EI.
-
-    Parameters
-    ----------
-    load_number : float
-        Not negative.
-    """
+    """Deflection of the tip over the length, w/L, for the load number P L^2/EI, not negative."""
     if not (math.isfinite(load_number) and load_number >= 0.0):
         raise InputError(
             f"the load number P L^2/EI must be finite and not negative, got {load_number:g}"

@@ -25,40 +25,20 @@ _EXAMPLE = 'write for example "displacement [mm], force [N]"'
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCurve:
-    """Force over displacement, in order of displacement.
+    """Force over displacement, in order of displacement."""
 
-    Attributes
-    ----------
-    displacement : float (n,)
-        Positive and ascending [m].
-    force : float (n,)
-        Positive [N].
-    rows : int
-        How many rows were measured; more than n if neighbours have been averaged.
-    """
-
-    displacement: np.ndarray
-    force: np.ndarray
-    rows: int
+    displacement: np.ndarray  # (n,) positive and ascending, m
+    force: np.ndarray  # (n,) positive, N
+    rows: int  # measured; more than n if neighbours have been averaged
 
     @classmethod
     def from_points(cls, displacement, force, most: int = MOST_POINTS) -> MeasuredCurve:
         """Sort, average and check points.
 
-        Points at rest (zero displacement) say nothing and are left out. Equal displacements are
-        averaged, and so are all within each of ``most`` equal steps, if there are more points.
-
-        Parameters
-        ----------
-        displacement, force : sequence of float
-            In m and N.
-        most : int
-
-        Raises
-        ------
-        InputError
-            Numbers that are not finite or negative, a displacement that turns back, too few points,
-            a force that is not positive.
+        In m and N. Points at rest (zero displacement) say nothing and are left out. Equal
+        displacements are averaged, and so are all within each of ``most`` equal steps, if there are
+        more points. InputError for numbers that are not finite or negative, a displacement that
+        turns back, too few points, a force that is not positive.
         """
         d, f = np.array(displacement, float), np.array(force, float)
         if d.shape != f.shape or d.ndim != 1:
@@ -114,12 +94,8 @@ def read_curve(path: str | Path) -> MeasuredCurve:
     The first line names the columns and their units, as in "displacement [mm], force [N]",
     "extension_mm,load_N" or "Weg (mm);Kraft (kN)"; units may also have the second line to
     themselves. Which column is which follows from the units. Columns end with a tab, a semicolon
-    (both allow decimal commas) or a comma. Lines that begin with # are comments.
-
-    Raises
-    ------
-    InputError
-        One sentence, with the file and mostly the line.
+    (both allow decimal commas) or a comma. Lines that begin with # are comments. InputErrors name
+    the file and mostly the line.
     """
     name = f'measured curve "{path}"'
     lines = _lines(Path(path), name)

@@ -38,23 +38,12 @@ STEP = 1e-5  # of the control, for differences
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Equilibria of a specimen with one law.
-
-    Attributes
-    ----------
-    law : Potential
-    loads : float (n,)
-        At each displacement [N].
-    angles : float (n,)
-        Largest shear angle of a crossover [rad].
-    places : list of float (n_local, 2)
-        Positions of this rank's nodes.
-    """
+    """Equilibria of a specimen with one law, at each of n displacements."""
 
     law: Potential
-    loads: np.ndarray
-    angles: np.ndarray
-    places: list[np.ndarray]
+    loads: np.ndarray  # (n,) N
+    angles: np.ndarray  # (n,) largest shear angle of a crossover, rad
+    places: list[np.ndarray]  # positions of this rank's nodes, (n_local, 2) each
 
 
 class LoadCurve:
@@ -146,11 +135,7 @@ class LoadCurve:
     def derivatives(self, at: Loads, changes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Derivatives of the loads by parameters of the law, (n, m) N per unit. Collective.
 
-        Parameters
-        ----------
-        at : Loads
-        changes : callable
-            Gives dpsi'/dp at shear angles (k,), as (m, k) N/m per unit.
+        ``changes`` gives dpsi'/dp at shear angles (k,) rad, as (m, k) N/m per unit.
         """
         model = self._model
         model.cloth = replace(model.cloth, shear=at.law.packed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,20 +23,11 @@ POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Loads of a network beside those measured.
-
-    Attributes
-    ----------
-    curve : MeasuredCurve
-    loads : float (n,)
-        Of the network with the law [N].
-    reached : float (n,)
-        Largest shear angle of a crossover at each point [rad].
-    """
+    """Loads of a network beside those measured."""
 
     curve: MeasuredCurve
-    loads: np.ndarray
-    reached: np.ndarray
+    loads: np.ndarray  # (n,) of the network with the law, N
+    reached: np.ndarray  # (n,) largest shear angle of a crossover at each point, rad
 
     @property
     def residuals(self) -> np.ndarray:
@@ -50,15 +42,9 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Comparison):
-    """Loads foretold for a specimen that the law was not identified on.
+    """Loads foretold for a specimen that the law was not identified on."""
 
-    Attributes
-    ----------
-    known_to : float
-        Shear angle from which on the law is extrapolated [rad].
-    """
-
-    known_to: float
+    known_to: float  # shear angle from which on the law is extrapolated, rad
 
     @property
     def extrapolated(self) -> np.ndarray:
@@ -71,16 +57,10 @@ class Prediction(Comparison):
         return rms(self.residuals[~self.extrapolated])
 
 
-@dataclass(frozen=True, eq=False)
-class Assumption:
-    """What another value of something assumed would change.
+class Assumption(NamedTuple):
+    """Relative changes with another value of something assumed.
 
-    Attributes
-    ----------
-    loads : float (n,)
-        Relative change of the loads with the law as it is.
-    values : float (m,)
-        Relative change of the law that would be identified, to first order.
+    Of the loads with the law as it is (n,), and to first order of the values identified (m,).
     """
 
     loads: np.ndarray
@@ -91,44 +71,25 @@ class Assumption:
 class Calibration(Comparison):
     """A shear law identified from load curves, all their points one after the other.
 
-    Attributes
-    ----------
-    specimens : tuple of Specimen
-    start_law : Potential
-        psi over the shear angle [N/m over rad], which is `start_from`.
-    start_from : str
-        "closed formula" or "straight line".
-    start_loads : float (n,)
-        Of the network with the start [N].
-    angles, values : float (m,)
-        The law's table [rad, N/m].
-    estimate : Estimate
-        For relative changes of the values and of the loads, d ln F_i/d ln psi'_k.
-    assumptions : dict of Assumption
-        What twice the tension modulus, the yarn bending, the stiffness in compression would change,
-        and another place of the yarns in the specimen, half a cell of the lattice away.
-    smoothing : float
-    iterations, evaluations, newton_steps : int
-        Least-squares steps, curves of loads computed, Newton steps in all.
-    seconds : float
-    message : str
-        Why the iterations ended.
+    ``estimate`` is for relative changes of the values and of the loads, d ln F_i/d ln psi'_k.
+    ``assumptions``: what twice the tension modulus, the yarn bending, the stiffness in compression
+    would change, and another place of the yarns in the specimen, half a cell of the lattice away.
     """
 
     specimens: tuple[Specimen, ...]
     start_law: Potential
-    start_from: str
-    start_loads: np.ndarray
-    angles: np.ndarray
-    values: np.ndarray
+    start_from: str  # what start_law is, "closed formula" or "straight line"
+    start_loads: np.ndarray  # (n,) of the network with the start, N
+    angles: np.ndarray  # (m,) of the law's table, rad
+    values: np.ndarray  # (m,) of the law's table, N/m
     estimate: Estimate
     assumptions: dict[str, Assumption]
     smoothing: float
-    iterations: int
-    evaluations: int
-    newton_steps: int
+    iterations: int  # least-squares steps
+    evaluations: int  # curves of loads computed
+    newton_steps: int  # in all
     seconds: float
-    message: str
+    message: str  # why the iterations ended
 
     @property
     def law(self) -> Potential:

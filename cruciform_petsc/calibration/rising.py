@@ -32,6 +32,8 @@ class RisingTable:
     with f0 that of the start, and s the size of its rises. Without an upper bound the v_k are plain
     sums of rises.
 
+    InputError if no rising table lies within the bounds.
+
     Attributes
     ----------
     angles : float (m,)
@@ -42,11 +44,6 @@ class RisingTable:
         Least and largest parameters.
     bends : float (m - 2, m)
         Second differences over ln(angle) at the inner angles, times the mean step.
-
-    Raises
-    ------
-    InputError
-        No rising table lies within the bounds.
     """
 
     def __init__(self, angles: np.ndarray, first: Potential, bounds: Bounds = (None, None)):

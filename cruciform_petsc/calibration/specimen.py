@@ -23,30 +23,19 @@ LARGEST_FRAME_ANGLE = np.deg2rad(85.0)
 
 @dataclass(frozen=True, eq=False)
 class Specimen:
-    """A network and the load curve measured of it.
+    """A network of any outline and size, and the load curve measured of it.
 
-    Attributes
-    ----------
-    network : Network
-        Of any outline and size; a picture frame's fills the frame between its hinges.
-    curve : MeasuredCurve
-        Its displacement is the extension, or the growth of a picture frame's longer diagonal.
-    kind : "bias-extension" or "picture-frame"
-    upper : "grip" or "centre-line"
-        See BiasExtension; for "centre-line" the displacement is that of half a specimen. Not looked
-        at for a picture frame.
-    bending : bool
-        Whether yarns resist bending.
-    weight : float
-        Of this curve's mean square relative error among those of others.
+    The displacement is the extension, for ``upper = "centre-line"`` that of half a specimen (see
+    BiasExtension); or the growth of the longer diagonal of a picture frame, which the network fills
+    from hinge to hinge.
     """
 
     network: Network
     curve: MeasuredCurve
-    kind: str = BiasExtension.kind
-    upper: str = "grip"
-    bending: bool = True
-    weight: float = 1.0
+    kind: str = BiasExtension.kind  # or PictureFrame's
+    upper: str = "grip"  # or "centre-line"; not looked at for a picture frame
+    bending: bool = True  # whether yarns resist it
+    weight: float = 1.0  # of this curve's mean square relative error among those of others
 
     @property
     def is_frame(self) -> bool:

@@ -10,24 +10,12 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Errors of the parameters at the least of |r|^2 + |B p|^2.
+    """Errors of the parameters at the least of |r|^2 + |B p|^2."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of the data.
-    errors : float (m,)
-        Standard errors of the parameters.
-    settled : float
-        How many parameters the data settle; the others come from the second term.
-    singular_values : float (m,)
-        Of the data's derivatives, the largest first.
-    """
-
-    noise: float
-    errors: np.ndarray
-    settled: float
-    singular_values: np.ndarray
+    noise: float  # standard deviation of the data
+    errors: np.ndarray  # (m,) standard errors of the parameters
+    settled: float  # how many parameters the data settle; the others come from the second term
+    singular_values: np.ndarray  # (m,) of the data's derivatives, the largest first
 
 
 def estimate(

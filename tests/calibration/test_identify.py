@@ -677,9 +677,8 @@ def test_picture():
     np.testing.assert_allclose(start, [[0.0, *1e3 * FRAME], [0.0, *found.start_loads]])
     np.testing.assert_allclose(fit, [[0.0, *1e3 * FRAME], [0.0, *found.loads]])
     np.testing.assert_allclose(data, [1e3 * FRAME, found.curve.force])
-    assert [text.get_text()[:8] for text in curves.get_legend().texts] == [
-        "start fr", "network ", "measured",
-    ]  # fmt: skip
+    labels = [text.get_text()[:8] for text in curves.get_legend().texts]
+    assert labels == ["start fr", "network ", "measured"]
     np.testing.assert_allclose(residuals.lines[-1].get_ydata(), 100 * found.residuals)
     lines = {line.get_label(): line.get_xydata().T for line in law.lines}
     angle, value = lines["identified law"]
