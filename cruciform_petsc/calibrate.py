@@ -74,15 +74,10 @@ def calibrate_case(
     dict
         The summary.
 
-    Raises
-    ------
-    InputError, SolverError
-        On every rank.
+    Raises InputError or SolverError on every rank.
     """
     fitted = [(case, data_path), *also]
-    tests = [
-        _test(each, "the case beside it" if i else "the case") for i, (each, _) in enumerate(fitted)
-    ]
+    tests = [_test(case, "the case"), *(_test(each, "the case beside it") for each, _ in also)]
     weights = [1.0] * len(fitted) if weights is None else weights
     if len(weights) != len(fitted):
         raise InputError(f"there are {len(weights)} weights for {len(fitted)} curves")
@@ -92,12 +87,12 @@ def calibrate_case(
         held_out_test = _test(hold_out[0], "the hold-out case")
         held_out = on_root(comm, partial(read_curve, hold_out[1]))
     fabric = case.fabric()
-    networks = [Network(comm, each.preform(), fabric) for each, _ in fitted]
-    crossovers = networks[0].statistics()["crossovers"]
-    d, f = curves[0].displacement, curves[0].force
     log.info("%s", case.title)
     log.info("           %r", fabric)
     log.info("           %r", case.preform())
+    networks = [Network(comm, each.preform(), fabric) for each, _ in fitted]
+    crossovers = networks[0].statistics()["crossovers"]
+    d, f = curves[0].displacement, curves[0].force
     log.info("           %d crossovers", crossovers)
     log.info(
         "           %d measured rows, %d points from %s to %s, %s to %s",
@@ -125,11 +120,7 @@ def calibrate_case(
         network = Network(comm, other.preform(), found.fabric)
         options = other.solver.options
         prediction = predict(found, network, held_out, options=options, **held_out_test)
-        more["hold_out"] = {
-            "title": other.title,
-            "data": str(path),
-            **hold_out_summary(prediction),
-        }
+        more["hold_out"] = {"title": other.title, "data": str(path)} | hold_out_summary(prediction)
     summary = write(comm, directory, found, more, prediction, case.output.pictures)
     _log_law(log, found)
     if prediction is not None:

@@ -58,14 +58,9 @@ def bending_rigidity(load: float | str, length: float | str, deflection: float |
     deflection : float or str
         Of the tip, along the load, m or with its unit; below 0.98 of the length.
 
-    Raises
-    ------
-    InputError
-        Numbers that are not positive, units of something else, a deflection
-        that is too small or too large to tell.
+    InputError for numbers that are not positive, units of something else, a deflection that is too
+    small or too large to tell.
 
-    Examples
-    --------
     >>> round(bending_rigidity(0.01, 0.1, 0.049346), 8)  # P L^2/EI = 2
     5e-05
     >>> round(bending_rigidity("10 mN", "10 cm", "49.346 mm"), 8)
@@ -101,10 +96,7 @@ def bending_rigidity_peirce(weight: float | str, length: float | str, angle: flo
         From the horizontal down to the line from clamp to tip, rad or with its unit; 41.5 degrees
         in the usual test.
 
-    Raises
-    ------
-    InputError
-        Numbers that are not positive, units of something else, 90 degrees or more.
+    InputError for numbers that are not positive, units of something else, 90 degrees or more.
     """
     q, along, theta = _positive(weight=(weight, "N/m"), length=(length, "m"), angle=(angle, "rad"))
     if theta >= 0.5 * math.pi:

@@ -78,7 +78,7 @@ def calibrate_together(
     smoothing: float = SMOOTHING,
     bounds: Bounds = (None, None),
     options: dict | None = None,
-    told: Callable[[str], None] = _LOG.info,
+    told: Callable[[str], None] | None = None,
 ) -> Calibration:
     """Identify one shear law from measured curves of several specimens. Collective.
 
@@ -106,7 +106,7 @@ def calibrate_together(
         On every rank: bad data; no equilibrium with the start, for instance because no network of
         this shape can be extended as far as the data go.
     """
-    begin = time.perf_counter()
+    begin, told = time.perf_counter(), told or _LOG.info
     if not (np.isfinite(smoothing) and smoothing > 0.0):
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
     if not specimens:
@@ -176,10 +176,7 @@ def predict(
     displacement, force, options, **test
         See calibrate.
 
-    Raises
-    ------
-    InputError, SolverError
-        On every rank: bad data, or no equilibrium at a displacement.
+    InputError or SolverError on every rank: bad data, or no equilibrium at a displacement.
     """
     measured = _curve(displacement, force, "predict")
     known_to = np.inf
