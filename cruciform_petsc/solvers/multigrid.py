@@ -26,7 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..net.network import Network, Partition
-from ..parallel import Halo, ask, find_sorted, send_by_rank
+from ..parallel import Halo, ask, find_sorted, most, send_by_rank
 from ..small.network import LinearNetwork
 from .csr import LocalRows, aij, local_rows
 from .linear import Hierarchy
@@ -123,7 +123,7 @@ def _contrast(matrix: PETSc.Mat) -> float:
     low, high = np.percentile(entries, (10, 90)) if len(entries) else (1.0, 1.0)
     diagonal.destroy()
     contrast = high / low if low > 0.0 else np.inf
-    return float(matrix.comm.tompi4py().allreduce(contrast, MPI.MAX))
+    return most(matrix.comm.tompi4py(), contrast)
 
 
 def interpolations(linear: LinearNetwork, coarsest: int = COARSEST) -> list[PETSc.Mat]:
