@@ -15,13 +15,21 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from .calibration import MeasuredCurve, read_curve
-from .calibration.identify import KINDS, Calibration, Specimen, calibrate, calibrate_together
-from .calibration.predict import Prediction, predict
+from .calibration import (
+    Calibration,
+    Prediction,
+    Specimen,
+    calibrate,
+    calibrate_together,
+    predict,
+    read_curve,
+)
+from .calibration.result import rms
+from .calibration.specimen import KINDS
 from .case.schema import Case
 from .errors import InputError
 from .net.network import Network
-from .output.calibration import hold_out_summary, write, write_hold_out
+from .output.calibration import hold_out_summary, write
 from .parallel import on_root
 from .units import format_si
 
@@ -54,7 +62,7 @@ def calibrate_case(
     log : logging.Logger
     hold_out : (Case, path), optional
         Another specimen of the same cloth and its measured curve, to be predicted with the law
-        found: of this case the preform and ``upper`` and ``bending`` of [test] count, and
+        found: of this case the preform and ``kind``, ``upper`` and ``bending`` of [test] count, and
         hold_out.csv is written.
     also : sequence of (Case, path)
         Further specimens of the cloth and their curves that the law is to follow, too.
@@ -66,95 +74,63 @@ def calibrate_case(
     dict
         The summary.
 
-    Raises
-    ------
-    InputError, SolverError
-        On every rank.
+    Raises InputError or SolverError on every rank.
     """
-    _options_of(case, "the case")
+    fitted = [(case, data_path), *also]
+    tests = [_test(case, "the case"), *(_test(each, "the case beside it") for each, _ in also)]
+    weights = [1.0] * len(fitted) if weights is None else weights
+    if len(weights) != len(fitted):
+        raise InputError(f"there are {len(weights)} weights for {len(fitted)} curves")
+    # What is wrong with any of the curves is told before the work begins.
+    curves = [on_root(comm, partial(read_curve, path)) for _, path in fitted]
     if hold_out is not None:
-        _options_of(hold_out[0], "the hold-out case")
-    for other, _ in also:
-        _options_of(other, "the case beside it")
-    weights = [1.0] * (1 + len(also)) if weights is None else weights
-    if len(weights) != 1 + len(also):
-        raise InputError(f"there are {len(weights)} weights for {1 + len(also)} curves")
-    curve = on_root(comm, lambda: read_curve(data_path))
-    if hold_out is not None:  # what is wrong with the second curve is told before the work begins
-        other_curve = on_root(comm, lambda: read_curve(hold_out[1]))
-    also_curves = [on_root(comm, partial(read_curve, path)) for _, path in also]
-    fabric, preform = case.fabric(), case.preform()
+        held_out_test = _test(hold_out[0], "the hold-out case")
+        held_out = on_root(comm, partial(read_curve, hold_out[1]))
+    fabric = case.fabric()
     log.info("%s", case.title)
     log.info("           %r", fabric)
-    log.info("           %r", preform)
-    network = Network(comm, preform, fabric)
-    d, f = curve.displacement, curve.force
-    statistics = network.statistics()
-    log.info("           %d crossovers", statistics["crossovers"])
+    log.info("           %r", case.preform())
+    networks = [Network(comm, each.preform(), fabric) for each, _ in fitted]
+    crossovers = networks[0].statistics()["crossovers"]
+    d, f = curves[0].displacement, curves[0].force
+    log.info("           %d crossovers", crossovers)
     log.info(
         "           %d measured rows, %d points from %s to %s, %s to %s",
-        curve.rows, len(d), format_si(d[0], "m"), format_si(d[-1], "m"),
-        format_si(f.min(), "N"), format_si(f.max(), "N"),
-    )  # fmt: skip
-    specimens = [_specimen(network, curve, case, weights[0])]
-    for (other, path), measured, weight in zip(also, also_curves, weights[1:], strict=True):
-        log.info(
-            '           beside it %s, %d points of "%s"', other.title, len(measured.force), path
-        )
-        specimen = Network(comm, other.preform(), fabric)
-        specimens.append(_specimen(specimen, measured, other, weight))
-    found = calibrate_together(
-        specimens, options=case.solver.options, told=lambda text: log.info("           %s", text)
+        *(curves[0].rows, len(d), format_si(d[0], "m"), format_si(d[-1], "m")),
+        *(format_si(f.min(), "N"), format_si(f.max(), "N")),
     )
-    more = {
-        "title": case.title,
-        "data": str(data_path),
-        **({"data_beside": [str(path) for _, path in also]} if also else {}),
-        "crossovers": statistics["crossovers"],
-        "ranks": comm.size,
-    }
+    for (other, path), curve in zip(also, curves[1:], strict=True):
+        points = len(curve.force)
+        log.info('           beside it %s, %d points of "%s"', other.title, points, path)
+    found = calibrate_together(
+        [
+            Specimen(network, curve, weight=weight, **test)
+            for network, curve, weight, test in zip(networks, curves, weights, tests, strict=True)
+        ],
+        options=case.solver.options,
+        told=lambda text: log.info("           %s", text),
+    )
+    more: dict[str, Any] = {"title": case.title, "data": str(data_path)}
+    if also:
+        more["data_beside"] = [str(path) for _, path in also]
+    more |= {"crossovers": crossovers, "ranks": comm.size}
     prediction = None
     if hold_out is not None:
-        prediction = _predict(comm, found, hold_out[0], other_curve)
-        write_hold_out(comm, directory, prediction)
-        more["hold_out"] = {
-            "title": hold_out[0].title, "data": str(hold_out[1]), **hold_out_summary(prediction)
-        }  # fmt: skip
-    summary = write(comm, directory, found, more, case.output.pictures)
-    log.info("")
-    log.info(
-        "fit           RMS of the relative error %.2f %% (start %.2f %%), at most %.2f %%",
-        *(100.0 * v for v in (found.rms, found.start_rms, np.abs(found.residuals).max())),
-    )
-    log.info(
-        "              %d steps, %d load curves, %d Newton steps, %.1f s: %s",
-        found.iterations, found.evaluations, found.newton_steps, found.seconds, found.message,
-    )  # fmt: skip
-    for s, part in zip(found.specimens, found.parts, strict=True) if also else ():
-        log.info(
-            "              %s, weight %g: RMS %.2f %%",
-            s.kind, s.weight, 100.0 * np.sqrt(np.mean(found.residuals[part] ** 2)),
-        )  # fmt: skip
-    log.info("law           angle      psi'           standard error")
-    for angle, value, error, known, depends in zip(
-        found.angles, found.values, found.standard_errors, found.determined, found.dependent,
-        strict=True,
-    ):  # fmt: skip
-        log.info(
-            "              %5.1f deg  %.4g N/mm  %5.1f %%%s",
-            np.rad2deg(angle), 1e-3 * value, 100.0 * error / value,
-            "  not determined" if not known else "  depends on what was assumed" if depends else "",
-        )  # fmt: skip
-    for remark in found.remarks():
-        log.info("              %s", remark)
+        other, path = hold_out
+        network = Network(comm, other.preform(), found.fabric)
+        options = other.solver.options
+        prediction = predict(found, network, held_out, options=options, **held_out_test)
+        more["hold_out"] = {"title": other.title, "data": str(path)} | hold_out_summary(prediction)
+    summary = write(comm, directory, found, more, prediction, case.output.pictures)
+    _log_law(log, found)
     if prediction is not None:
         _log_prediction(log, prediction)
     log.info("results in    %s, the law for a case file in law.toml", directory)
     return summary
 
 
-def _options_of(case: Case, name: str) -> dict[str, Any]:
-    """Keyword arguments of calibrate and predict that a case's [test] tells."""
+def _test(case: Case, name: str) -> dict[str, Any]:
+    """What a case's [test] says of a Specimen."""
     test = case.test
     if test.kind not in KINDS:
         raise InputError(
@@ -162,39 +138,48 @@ def _options_of(case: Case, name: str) -> dict[str, Any]:
             f'with kind = "{KINDS[0]}" or "{KINDS[1]}" only'
         )
     upper = getattr(test, "upper", "grip")
-    return {
-        "kind": test.kind, "upper": upper, "bending": test.bending, "options": case.solver.options
-    }  # fmt: skip
+    return {"kind": test.kind, "upper": upper, "bending": test.bending}
 
 
-def _specimen(network: Network, curve: MeasuredCurve, case: Case, weight: float) -> Specimen:
-    """Put together what a case and its curve say."""
-    told = _options_of(case, "the case")
-    return Specimen(network, curve, told["kind"], told["upper"], told["bending"], weight)
-
-
-def _predict(
-    comm: MPI.Intracomm, found: Calibration, case: Case, curve: MeasuredCurve
-) -> Prediction:
-    """Predict the hold-out specimen, made of the cloth that was identified. Collective."""
-    network = Network(comm, case.preform(), found.fabric)
-    return predict(found, network, curve, **_options_of(case, "the hold-out case"))
+def _log_law(log: logging.Logger, found: Calibration) -> None:
+    """Tell how well the curves are followed, and the law."""
+    log.info("")
+    log.info(
+        "fit           RMS of the relative error %.2f %% (start %.2f %%), at most %.2f %%",
+        *(100.0 * v for v in (found.rms, found.start_rms, np.abs(found.residuals).max())),
+    )
+    log.info(
+        "              %d steps, %d load curves, %d Newton steps, %.1f s: %s",
+        *(found.iterations, found.evaluations, found.newton_steps, found.seconds, found.message),
+    )
+    if len(found.specimens) > 1:
+        for s, part in zip(found.specimens, found.parts, strict=True):
+            error = 100.0 * rms(found.residuals[part])
+            log.info("              %s, weight %g: RMS %.2f %%", s.kind, s.weight, error)
+    log.info("law           angle      psi'           standard error")
+    for k, angle in enumerate(np.rad2deg(found.angles)):
+        remark = "  depends on what was assumed" if found.dependent[k] else ""
+        if not found.determined[k]:
+            remark = "  not determined"
+        value, error = 1e-3 * found.values[k], 100.0 * found.estimate.errors[k]
+        log.info("              %5.1f deg  %.4g N/mm  %5.1f %%%s", angle, value, error, remark)
+    for remark in found.remarks():
+        log.info("              %s", remark)
 
 
 def _log_prediction(log: logging.Logger, prediction: Prediction) -> None:
     """Tell how well the hold-out specimen was predicted."""
+    errors = 100.0 * prediction.residuals
     log.info(
         "hold-out      RMS of the relative error %.2f %%, at most %.2f %%, mean %+.2f %%",
-        100.0 * prediction.rms, 100.0 * np.abs(prediction.residuals).max(),
-        100.0 * prediction.residuals.mean(),
-    )  # fmt: skip
+        *(100.0 * prediction.rms, np.abs(errors).max(), errors.mean()),
+    )
     beyond = int(prediction.extrapolated.sum())
     if beyond:
-        within = "" if np.isnan(prediction.rms_known) else (
-            f"; RMS of the others {100.0 * prediction.rms_known:.2f} %"
-        )  # fmt: skip
+        rest = f"; RMS of the others {100.0 * prediction.rms_known:.2f} %"
         log.info(
             "              at %d of %d points some cloth shears past the %.1f deg that the law is "
             "known to%s",
-            beyond, len(prediction.loads), np.rad2deg(prediction.known_to), within,
-        )  # fmt: skip
+            *(beyond, len(errors), np.rad2deg(prediction.known_to)),
+            rest if beyond < len(errors) else "",
+        )

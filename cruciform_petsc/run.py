@@ -16,8 +16,7 @@ from .calibration.curve import MeasuredCurve, read_curve
 from .case.schema import Case
 from .compare import against_measured, check_measured, load_line
 from .continuum.compare import Reference
-from .equilibrium.newton import EquilibriumError
-from .errors import InputError, SolverError
+from .errors import EquilibriumError, InputError, SolverError
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult

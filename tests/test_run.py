@@ -16,8 +16,7 @@ from mpi4py import MPI
 
 from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
-from cruciform_petsc.equilibrium.newton import EquilibriumError
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.net.network import Network

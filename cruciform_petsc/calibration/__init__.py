@@ -3,8 +3,9 @@
 
 from .bending import bending_rigidity, bending_rigidity_peirce
 from .curve import MeasuredCurve, read_curve
-from .identify import Calibration, Specimen, calibrate, calibrate_together
-from .predict import Prediction, predict
+from .identify import calibrate, calibrate_together, predict
+from .result import Calibration, Prediction
+from .specimen import Specimen
 
 __all__ = [
     "Calibration",

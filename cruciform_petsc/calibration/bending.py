@@ -18,8 +18,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..errors import InputError
 from ..units import to_si
 
@@ -29,13 +27,7 @@ SMALLEST_DEFLECTION = 1e-6
 
 
 def tip_deflection(load_number: float) -> float:
-    """Deflection of the tip over the length, w/L, for the load number P L^2/EI.
-
-    Parameters
-    ----------
-    load_number : float
-        Not negative.
-    """
+    """Deflection of the tip over the length, w/L, for the load number P L^2/EI, not negative."""
     if not (math.isfinite(load_number) and load_number >= 0.0):
         raise InputError(
             f"the load number P L^2/EI must be finite and not negative, got {load_number:g}"
@@ -66,14 +58,9 @@ def bending_rigidity(load: float | str, length: float | str, deflection: float |
     deflection : float or str
         Of the tip, along the load, m or with its unit; below 0.98 of the length.
 
-    Raises
-    ------
-    InputError
-        Numbers that are not positive, units of something else, a deflection
-        that is too small or too large to tell.
+    InputError for numbers that are not positive, units of something else, a deflection that is too
+    small or too large to tell.
 
-    Examples
-    --------
     >>> round(bending_rigidity(0.01, 0.1, 0.049346), 8)  # P L^2/EI = 2
     5e-05
     >>> round(bending_rigidity("10 mN", "10 cm", "49.346 mm"), 8)
@@ -81,11 +68,10 @@ def bending_rigidity(load: float | str, length: float | str, deflection: float |
     """
     from scipy.optimize import brentq
 
-    load = to_si(load, "N", "load", bare=True)
-    length = to_si(length, "m", "length", bare=True)
-    deflection = to_si(deflection, "m", "deflection", bare=True)
-    _check_positive(load=load, length=length, deflection=deflection)
-    share = deflection / length
+    force, along, moved = _positive(
+        load=(load, "N"), length=(length, "m"), deflection=(deflection, "m")
+    )
+    share = moved / along
     if not SMALLEST_DEFLECTION <= share <= LARGEST_DEFLECTION:
         raise InputError(
             f"a deflection of {share:.3g} of the length does not tell the rigidity, it must be "
@@ -94,7 +80,7 @@ def bending_rigidity(load: float | str, length: float | str, deflection: float |
     number = 3.0 * share
     if number >= 1e-5:
         number = brentq(lambda n: tip_deflection(n) - share, 0.5 * number, 5e3, rtol=1e-12)
-    return load * length**2 / number
+    return force * along**2 / number
 
 
 def bending_rigidity_peirce(weight: float | str, length: float | str, angle: float | str) -> float:
@@ -110,18 +96,12 @@ def bending_rigidity_peirce(weight: float | str, length: float | str, angle: flo
         From the horizontal down to the line from clamp to tip, rad or with its unit; 41.5 degrees
         in the usual test.
 
-    Raises
-    ------
-    InputError
-        Numbers that are not positive, units of something else, 90 degrees or more.
+    InputError for numbers that are not positive, units of something else, 90 degrees or more.
     """
-    weight = to_si(weight, "N/m", "weight", bare=True)
-    length = to_si(length, "m", "length", bare=True)
-    angle = to_si(angle, "rad", "angle", bare=True)
-    _check_positive(weight=weight, length=length, angle=angle)
-    if angle >= 0.5 * np.pi:
+    q, along, theta = _positive(weight=(weight, "N/m"), length=(length, "m"), angle=(angle, "rad"))
+    if theta >= 0.5 * math.pi:
         raise InputError("the angle of a cantilever test must be below 90 deg")
-    return weight * length**3 * math.cos(0.5 * angle) / (8.0 * math.tan(angle))
+    return q * along**3 * math.cos(0.5 * theta) / (8.0 * math.tan(theta))
 
 
 def _elastica(complement: float) -> tuple[float, float]:
@@ -137,7 +117,10 @@ def _elastica(complement: float) -> tuple[float, float]:
     return length**2, 1.0 - across / length
 
 
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"the {name} must be positive and finite, got {value:g}")
+def _positive(**given: tuple[float | str, str]) -> list[float]:
+    """Quantities, each given with its SI unit, as numbers."""
+    numbers = [to_si(value, unit, name, bare=True) for name, (value, unit) in given.items()]
+    for name, number in zip(given, numbers, strict=True):
+        if not (math.isfinite(number) and number > 0.0):
+            raise InputError(f"the {name} must be positive and finite, got {number:g}")
+    return numbers

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,45 +19,26 @@ MOST_POINTS = 40
 FEWEST_POINTS = 4
 # Fall of the displacement, over its range, that is a turn of the machine and no noise.
 TURN = 0.02
-_EXAMPLE = '"displacement [mm], force [N]"'
+_COLUMNS = (("displacement", "m"), ("force", "N"))
+_EXAMPLE = 'write for example "displacement [mm], force [N]"'
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCurve:
-    """Force over displacement, in order of displacement.
+    """Force over displacement, in order of displacement."""
 
-    Attributes
-    ----------
-    displacement : float (n,)
-        Positive and ascending [m].
-    force : float (n,)
-        Positive [N].
-    rows : int
-        How many rows were measured; more than n if neighbours have been averaged.
-    """
-
-    displacement: np.ndarray
-    force: np.ndarray
-    rows: int
+    displacement: np.ndarray  # (n,) positive and ascending, m
+    force: np.ndarray  # (n,) positive, N
+    rows: int  # measured; more than n if neighbours have been averaged
 
     @classmethod
     def from_points(cls, displacement, force, most: int = MOST_POINTS) -> MeasuredCurve:
         """Sort, average and check points.
 
-        Points at rest (zero displacement) say nothing and are left out. Equal displacements are
-        averaged, and so are all within each of ``most`` equal steps, if there are more points.
-
-        Parameters
-        ----------
-        displacement, force : sequence of float
-            In m and N.
-        most : int
-
-        Raises
-        ------
-        InputError
-            Numbers that are not finite or negative, a displacement that turns back, too few points,
-            a force that is not positive.
+        In m and N. Points at rest (zero displacement) say nothing and are left out. Equal
+        displacements are averaged, and so are all within each of ``most`` equal steps, if there are
+        more points. InputError for numbers that are not finite or negative, a displacement that
+        turns back, too few points, a force that is not positive.
         """
         d, f = np.array(displacement, float), np.array(force, float)
         if d.shape != f.shape or d.ndim != 1:
@@ -71,9 +53,9 @@ class MeasuredCurve:
         rows = len(d)
         largest = np.maximum.accumulate(d) if rows else d
         if rows and (largest - d).max() > TURN * np.ptp(d):
-            at = largest[(largest - d).argmax()]
+            turn = largest[(largest - d).argmax()]
             raise InputError(
-                f"the displacement of the measured curve turns back after {format_si(at, 'm')}, "
+                f"the displacement of the measured curve turns back after {format_si(turn, 'm')}, "
                 "give the loading branch only"
             )
         d, f = d[d > 0.0], f[d > 0.0]
@@ -96,79 +78,70 @@ class MeasuredCurve:
             )
         return cls(d, f, rows)
 
+    @classmethod
+    def joined(cls, curves: Sequence[MeasuredCurve]) -> MeasuredCurve:
+        """The points of several curves, one curve after the other."""
+        return cls(
+            np.concatenate([curve.displacement for curve in curves]),
+            np.concatenate([curve.force for curve in curves]),
+            sum(curve.rows for curve in curves),
+        )
 
-def read_curve(path: str | Path, most: int = MOST_POINTS) -> MeasuredCurve:
+
+def read_curve(path: str | Path) -> MeasuredCurve:
     """Read the columns of displacement and force of a CSV file.
 
     The first line names the columns and their units, as in "displacement [mm], force [N]",
     "extension_mm,load_N" or "Weg (mm);Kraft (kN)"; units may also have the second line to
     themselves. Which column is which follows from the units. Columns end with a tab, a semicolon
-    (both allow decimal commas) or a comma. Lines that begin with # are comments.
-
-    Parameters
-    ----------
-    path : str or Path
-    most : int
-        More points are averaged, see MeasuredCurve.from_points.
-
-    Raises
-    ------
-    InputError
-        One sentence, with the file and mostly the line.
+    (both allow decimal commas) or a comma. Lines that begin with # are comments. InputErrors name
+    the file and mostly the line.
     """
     name = f'measured curve "{path}"'
     lines = _lines(Path(path), name)
     if not lines:
         raise InputError(f"{name} is empty")
-    head = lines[0][1]
-    delimiter = next((mark for mark in "\t;" if mark in head), ",")
-    rows = [
-        (number, [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))])
+    comma = next((mark for mark in "\t;" if mark in lines[0][1]), ",")
+    (_, titles), *rows = [
+        (number, [cell.strip() for cell in next(csv.reader([text], delimiter=comma))])
         for number, text in lines
     ]
-    titles, body = rows[0][1], rows[1:]
-    if all(_number(cell, delimiter) is not None for cell in titles):
-        raise InputError(f"{name} has no header with units, write for example {_EXAMPLE}")
-    # Some machines write the units into a line of their own.
-    if body and len(body[0][1]) == len(titles) and not any(
-        _number(cell, delimiter) is not None for cell in body[0][1]
-    ):  # fmt: skip
+    if all(_number(cell, comma) is not None for cell in titles):
+        raise InputError(f"{name} has no header with units, {_EXAMPLE}")
+    units = rows[0][1] if rows else []
+    if len(units) == len(titles) and all(_number(cell, comma) is None for cell in units):
+        # Some machines write the units into a line of their own.
         titles = [
-            f"{title} [{unit.strip('()[]')}]"
-            for title, unit in zip(titles, body[0][1], strict=True)
+            f"{title} [{unit.strip('()[]')}]" for title, unit in zip(titles, units, strict=True)
         ]
-        body = body[1:]
-    columns = {}
-    for what, unit in (("displacement", "m"), ("force", "N")):
-        found = [
-            (i, factor)
-            for i, title in enumerate(titles)
-            if (factor := _factor_in(title, unit)) is not None
-        ]
-        shown = ", ".join(titles)
+        rows = rows[1:]
+    columns = []
+    for what, unit in _COLUMNS:
+        factors = [(i, _factor_in(title, unit)) for i, title in enumerate(titles)]
+        found = [(i, factor) for i, factor in factors if factor is not None]
         if len(found) != 1:
-            number_of = "no column" if not found else f"{len(found)} columns"
             raise InputError(
-                f'{name} has {number_of} with a unit of {what} in its header "{shown}", '
-                f"write for example {_EXAMPLE}"
+                f"{name} has {f'{len(found)} columns' if found else 'no column'} with a unit of "
+                f'{what} in its header "{", ".join(titles)}", {_EXAMPLE}'
             )
-        columns[what] = found[0]
-    values: dict[str, list[float]] = {"displacement": [], "force": []}
-    for line, cells in body:
+        columns.append((what, *found[0]))
+    values = []
+    for line, cells in rows:
         if len(cells) != len(titles):
-            hint = ", decimal commas need semicolons" if delimiter == "," else ""
+            hint = ", decimal commas need semicolons" if comma == "," else ""
             raise InputError(
                 f"{name}, line {line}, has {len(cells)} columns instead of {len(titles)}{hint}"
             )
-        for what, (column, factor) in columns.items():
-            number = _number(cells[column], delimiter)
+        for what, i, factor in columns:
+            number = _number(cells[i], comma)
             if number is None or not np.isfinite(number):
                 raise InputError(
-                    f'{name}, line {line}: {what} must be a finite number, got "{cells[column]}"'
+                    f'{name}, line {line}: {what} must be a finite number, got "{cells[i]}"'
                 )
-            values[what].append(factor * number)
+            values.append(factor * number)
+    displacement, force = np.reshape(values, (-1, len(columns))).T
     try:
-        return MeasuredCurve.from_points(values["displacement"], values["force"], most)
+        return MeasuredCurve.from_points(displacement, force)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
 
@@ -206,12 +179,10 @@ def _factor_in(title: str, unit: str) -> float | None:
     """Return how many `unit` one of the unit in a column's title is, or None if it has no such."""
     if re.search(r"[\s_]per[\s_]", title):
         return None  # N_per_mm is no mm
-    in_brackets = re.findall(r"[\[(]([^\])]*)[\])]", title)
     # A unit in brackets is the unit; without, it is what the name ends with.
-    parts = in_brackets[-1:] or re.split(r"[\s_/,]+", title.strip())[-1:]
-    for part in parts:
-        try:
-            return parse_unit(part, unit)
-        except ValueError:
-            continue
-    return None
+    in_brackets = re.findall(r"[\[(]([^\])]*)[\])]", title)
+    part = in_brackets[-1] if in_brackets else re.split(r"[\s_/,]+", title.strip())[-1]
+    try:
+        return parse_unit(part, unit)
+    except ValueError:
+        return None

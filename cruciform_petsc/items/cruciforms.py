@@ -163,15 +163,19 @@ class Cruciforms(Item):
         """Share of each quadrant in its cruciform's area, (m, 4)."""
         return self.area / np.maximum(self.area.sum(axis=1, keepdims=True), 1e-300)
 
-    def shear_angles(self, t: np.ndarray) -> np.ndarray:
-        """Mean shear angle (m,) of each cruciform from its arms' directions (m, 4, dim), radians.
+    def quadrant_angles(self, t: np.ndarray) -> np.ndarray:
+        """Shear angle of each quadrant (m, 4) from the arms' directions (m, 4, dim), radians.
 
         The kernels' gamma = s (90 deg - angle between the arms of a quadrant).
         """
         ti, tj = t[:, QUADRANTS[:, 0]], t[:, QUADRANTS[:, 1]]
         cosine = (ti * tj).sum(axis=2)
         sine = np.linalg.norm(tj - cosine[..., None] * ti, axis=2)
-        return np.einsum("mq,mq->m", self._shares(), SIGN * np.arctan2(cosine, sine))
+        return SIGN * np.arctan2(cosine, sine)
+
+    def shear_angles(self, t: np.ndarray) -> np.ndarray:
+        """Mean shear angle (m,) of each cruciform from its arms' directions, radians."""
+        return np.einsum("mq,mq->m", self._shares(), self.quadrant_angles(t))
 
 
 def cloth(fabric) -> Cloth:

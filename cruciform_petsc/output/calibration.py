@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..calibration.identify import LARGEST_ERROR, PLACE, Calibration
-from ..calibration.predict import Prediction
+from ..calibration.load_curve import PLACE
+from ..calibration.result import LARGEST_ERROR, Calibration, Comparison, Prediction, rms
 from ..parallel import on_root
 from .pictures import COLOURS, DASHES, STYLE
 from .tables import write_csv, write_json, written_whole
@@ -20,102 +21,22 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 DIGITS = 4  # of the law; loads are not measured to more
-
-
-def points(calibration: Calibration) -> list[list[float]]:
-    """The table as pairs of degrees and N/mm, rounded, beginning with [0, 0]."""
-    return [[0.0, 0.0]] + [
-        [float(f"{np.rad2deg(angle):.6g}"), float(f"{1e-3 * value:.{DIGITS}g}")]
-        for angle, value in zip(calibration.angles, calibration.values, strict=True)
-    ]
-
-
-def law_line(calibration: Calibration) -> str:
-    """The line ``shear = { law = "table", ... }`` for a case file."""
-    pairs = ", ".join(f"[{angle:g}, {value:.{DIGITS}g}]" for angle, value in points(calibration))
-    return f'shear = {{ law = "table", angle = "deg", force = "N/mm", points = [{pairs}] }}'
-
-
-def law_file(calibration: Calibration) -> str:
-    """The text of law.toml."""
-    d = calibration.curve.displacement
-    remarks = [
-        f"Identified from {len(d)} loads between {1e3 * d.min():.4g} and {1e3 * d.max():.4g} mm, "
-        f"RMS of the relative error {100 * calibration.rms:.2f} %.",
-        *calibration.remarks(),
-    ]
-    comments = [f"# {text}" for remark in remarks for text in _wrapped(remark)]
-    return "\n".join([*comments, "[fabric]", law_line(calibration), ""])
-
-
-def summary(calibration: Calibration) -> dict[str, Any]:
-    """Plain numbers for calibration.json."""
-    c = calibration
-    return {
-        "rms_relative_error": c.rms,
-        "rms_relative_error_start": c.start_rms,
-        "largest_relative_error": float(np.abs(c.residuals).max()),
-        "points": len(c.curve.force),
-        "rows_measured": c.curve.rows,
-        "displacement_m": c.curve.displacement,
-        "measured_n": c.curve.force,
-        "start_n": c.start_loads,
-        "load_n": c.loads,
-        "start_from": c.start_from,
-        "curves": [
-            {
-                "kind": s.kind,
-                "weight": s.weight,
-                "points": len(s.curve.force),
-                "rms_relative_error": float(np.sqrt(np.mean(c.residuals[part] ** 2))),
-            }
-            for s, part in zip(c.specimens, c.parts, strict=False)
-        ],
-        "parameters": [
-            {
-                "angle_deg": float(np.rad2deg(angle)),
-                "force_n_per_mm": 1e-3 * value,
-                "standard_error_n_per_mm": 1e-3 * error,
-                "relative_standard_error": error / value,
-                "determined": bool(known),
-                "depends_on_assumptions": bool(depends),
-            }
-            for angle, value, error, known, depends in zip(
-                c.angles, c.values, c.standard_errors, c.determined, c.dependent, strict=True
-            )
-        ],
-        "undetermined_deg": [
-            [float(np.rad2deg(low)), float(np.rad2deg(high)) if np.isfinite(high) else None]
-            for low, high in c.uncertain_ranges()
-        ],
-        "largest_relative_standard_error_allowed": LARGEST_ERROR,
-        "shear_reached_deg": np.rad2deg(c.reached),
-        "noise_assumed": c.noise,
-        "other_assumptions": {
-            name.replace(" ", "_"): {
-                "relative_change_of_loads": a.loads,
-                "relative_change_of_law": a.values,
-            }
-            for name, a in c.assumptions.items()
-        },
-        "singular_values": c.singular_values,
-        "effective_parameters": c.effective_parameters,
-        "smoothing": c.smoothing,
-        "iterations": c.iterations,
-        "evaluations": c.evaluations,
-        "newton_steps": c.newton_steps,
-        "ended_because": c.message,
-        "seconds": c.seconds,
-        "remarks": c.remarks(),
-        "law": law_line(c),
-    }
+# How matplotlib draws things.
+DASHED: dict[str, Any] = {"linestyle": DASHES[1], "linewidth": 1.2, "color": "0.55"}
+OTHERWISE: dict[str, Any] = {"linestyle": DASHES[2], "linewidth": 1.2, "color": COLOURS[2]}
+MEASURED: dict[str, Any] = {"color": COLOURS[1], "markersize": 4.2, "markerfacecolor": "white"}
+NOTE: dict[str, Any] = {"color": "0.38", "fontsize": 8, "ha": "right", "va": "bottom"}
 
 
 def write(
-    comm: MPI.Intracomm, directory: Path, calibration: Calibration, more: dict[str, Any],
+    comm: MPI.Intracomm,
+    directory: Path,
+    calibration: Calibration,
+    more: dict[str, Any],
+    prediction: Prediction | None = None,
     picture: bool = True,
-) -> dict[str, Any]:  # fmt: skip
-    """Write law.toml, calibration.csv, calibration.json and calibration.png. Collective.
+) -> dict[str, Any]:
+    """Write law.toml, calibration.csv, .json and .png, and hold_out.csv. Collective.
 
     Parameters
     ----------
@@ -126,6 +47,8 @@ def write(
         The same on every rank.
     more : dict
         Entries for the front of the summary.
+    prediction : Prediction, optional
+        Of the specimen held out.
     picture : bool
 
     Returns
@@ -134,20 +57,13 @@ def write(
         The summary.
     """
     c = calibration
-    number = np.concatenate([
-        np.full(part.stop - part.start, i + 1) for i, part in enumerate(c.parts)
-    ])  # fmt: skip
-    write_csv(
-        comm, directory / "calibration.csv",
-        ({"curve": number} if len(c.parts) > 1 else {}) | {
-            "displacement_mm": 1e3 * c.curve.displacement,
-            "measured_N": c.curve.force,
-            "start_N": c.start_loads,
-            "fit_N": c.loads,
-            "relative_residual": c.residuals,
-            "shear_max_deg": np.rad2deg(c.reached),
-        },
-    )  # fmt: skip
+    number = [i + 1 for i, part in enumerate(c.parts) for _ in c.loads[part]]
+    columns = {"curve": number} if len(c.parts) > 1 else {}
+    columns |= _columns(c, start_N=c.start_loads, fit_N=c.loads)
+    write_csv(comm, directory / "calibration.csv", columns)
+    if prediction is not None:
+        columns = _columns(prediction, predicted_N=prediction.loads)
+        write_csv(comm, directory / "hold_out.csv", columns)
 
     def law() -> None:
         with written_whole(directory / "law.toml") as temporary:
@@ -161,37 +77,112 @@ def write(
     return told
 
 
-def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
-    """Plain numbers of a prediction for calibration.json."""
-    p = prediction
+def _columns(c: Comparison, **loads: np.ndarray) -> dict[str, Any]:
     return {
-        "rms_relative_error": p.rms,
-        "largest_relative_error": float(np.abs(p.residuals).max()),
-        "mean_relative_error": float(p.residuals.mean()),
-        "points": len(p.loads),
-        "points_extrapolated": int(p.extrapolated.sum()),
-        "rms_relative_error_not_extrapolated": None if np.isnan(p.rms_known) else p.rms_known,
-        "law_known_to_deg": float(np.rad2deg(p.known_to)),
-        "displacement_m": p.curve.displacement,
-        "measured_n": p.curve.force,
-        "load_n": p.loads,
-        "shear_reached_deg": np.rad2deg(p.angles),
+        "displacement_mm": 1e3 * c.curve.displacement,
+        "measured_N": c.curve.force,
+        **loads,
+        "relative_residual": c.residuals,
+        "shear_max_deg": np.rad2deg(c.reached),
     }
 
 
-def write_hold_out(comm: MPI.Intracomm, directory: Path, prediction: Prediction) -> None:
-    """Write hold_out.csv: measured and predicted curve of the other specimen. Collective."""
-    p = prediction
-    write_csv(
-        comm, directory / "hold_out.csv",
-        {
-            "displacement_mm": 1e3 * p.curve.displacement,
-            "measured_N": p.curve.force,
-            "predicted_N": p.loads,
-            "relative_residual": p.residuals,
-            "shear_max_deg": np.rad2deg(p.angles),
+def law_line(calibration: Calibration) -> str:
+    """The line ``shear = { law = "table", ... }`` for a case file."""
+    points = zip(np.rad2deg(calibration.angles), 1e-3 * calibration.values, strict=True)
+    pairs = [f"[{angle:.6g}, {value:.{DIGITS}g}]" for angle, value in ((0.0, 0.0), *points)]
+    return (
+        f'shear = {{ law = "table", angle = "deg", force = "N/mm", points = [{", ".join(pairs)}] }}'
+    )
+
+
+def law_file(calibration: Calibration) -> str:
+    """The text of law.toml."""
+    d = calibration.curve.displacement
+    remarks = [
+        f"Identified from {len(d)} loads between {1e3 * d.min():.4g} and {1e3 * d.max():.4g} mm, "
+        f"RMS of the relative error {100 * calibration.rms:.2f} %.",
+        *calibration.remarks(),
+    ]
+    comments = [f"# {line}" for remark in remarks for line in wrap(remark, 98)]
+    return "\n".join([*comments, "[fabric]", law_line(calibration), ""])
+
+
+def _compared(c: Comparison) -> dict[str, Any]:
+    """Plain numbers that a calibration and a prediction have in common."""
+    return {
+        "rms_relative_error": c.rms,
+        "largest_relative_error": float(np.abs(c.residuals).max()),
+        "points": len(c.loads),
+        "displacement_m": c.curve.displacement,
+        "measured_n": c.curve.force,
+        "load_n": c.loads,
+        "shear_reached_deg": np.rad2deg(c.reached),
+    }
+
+
+def summary(calibration: Calibration) -> dict[str, Any]:
+    """Plain numbers for calibration.json."""
+    c = calibration
+    table = zip(c.angles, c.values, c.standard_errors, c.determined, c.dependent, strict=True)
+    return {
+        **_compared(c),
+        "rms_relative_error_start": c.start_rms,
+        "rows_measured": c.curve.rows,
+        "start_n": c.start_loads,
+        "start_from": c.start_from,
+        "curves": [
+            {
+                "kind": s.kind,
+                "weight": s.weight,
+                "points": len(s.curve.force),
+                "rms_relative_error": rms(c.residuals[part]),
+            }
+            for s, part in zip(c.specimens, c.parts, strict=True)
+        ],
+        "parameters": [
+            {
+                "angle_deg": float(np.rad2deg(angle)),
+                "force_n_per_mm": 1e-3 * value,
+                "standard_error_n_per_mm": 1e-3 * error,
+                "relative_standard_error": error / value,
+                "determined": bool(known),
+                "depends_on_assumptions": bool(depends),
+            }
+            for angle, value, error, known, depends in table
+        ],
+        "undetermined_deg": np.rad2deg(c.uncertain_ranges()),
+        "largest_relative_standard_error_allowed": LARGEST_ERROR,
+        "noise_assumed": c.estimate.noise,
+        "other_assumptions": {
+            name.replace(" ", "_"): {
+                "relative_change_of_loads": a.loads,
+                "relative_change_of_law": a.values,
+            }
+            for name, a in c.assumptions.items()
         },
-    )  # fmt: skip
+        "singular_values": c.estimate.singular_values,
+        "effective_parameters": c.estimate.settled,
+        "smoothing": c.smoothing,
+        "iterations": c.iterations,
+        "evaluations": c.evaluations,
+        "newton_steps": c.newton_steps,
+        "ended_because": c.message,
+        "seconds": c.seconds,
+        "remarks": c.remarks(),
+        "law": law_line(c),
+    }
+
+
+def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
+    """Plain numbers of a prediction for calibration.json."""
+    return {
+        **_compared(prediction),
+        "mean_relative_error": float(prediction.residuals.mean()),
+        "points_extrapolated": int(prediction.extrapolated.sum()),
+        "rms_relative_error_not_extrapolated": prediction.rms_known,
+        "law_known_to_deg": float(np.rad2deg(prediction.known_to)),
+    }
 
 
 def draw(comm: MPI.Intracomm, path: str | Path, calibration: Calibration, title: str = "") -> None:
@@ -201,129 +192,94 @@ def draw(comm: MPI.Intracomm, path: str | Path, calibration: Calibration, title:
         from matplotlib import rc_context
 
         with rc_context(STYLE), written_whole(path) as temporary:
-            figure = _figure(calibration, title)
-            figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
+            chart = figure(calibration, title)
+            chart.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
 
     on_root(comm, save)
 
 
-def _figure(c: Calibration, title: str) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def figure(calibration: Calibration, title: str = "") -> Figure:
+    """Make the figure: axes of the load curves, of the residuals, of the law."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.6, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 2, height_ratios=(2.6, 1.0))
-    curves = figure.add_subplot(grid[0, 0])
-    residual = figure.add_subplot(grid[1, 0], sharex=curves)
-    law = figure.add_subplot(grid[:, 1])
-    _draw_curves(curves, residual, c)
-    _draw_law(law, c)
+    chart = Figure(figsize=(9.6, 4.4), layout="constrained")
+    grid = chart.add_gridspec(2, 2, height_ratios=(2.6, 1.0))
+    curves = chart.add_subplot(grid[0, 0])
+    _draw_curves(curves, calibration)
+    _draw_residuals(chart.add_subplot(grid[1, 0], sharex=curves), calibration)
+    _draw_law(chart.add_subplot(grid[:, 1]), calibration)
     if title:
-        figure.suptitle(title, fontsize=10.5)
-    return figure
+        chart.suptitle(title, fontsize=10.5)
+    return chart
 
 
-def _draw_curves(curves: Axes, residual: Axes, c: Calibration) -> None:
-    d = 1e3 * c.curve.displacement
-    many = len(d) < c.curve.rows
-    labels = (
-        f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)",
-        f"network with the identified law ({100 * c.rms:.1f} %)",
-        f"measured (averages of {c.curve.rows} rows)" if many else "measured",
-    )
+def _draw_curves(axes: Axes, c: Calibration) -> None:
+    d, f = 1e3 * c.curve.displacement, c.curve.force
+    start = f"start from the {c.start_from} (RMS error {100 * c.start_rms:.1f} %)"
+    fit = f"network with the identified law ({100 * c.rms:.1f} %)"
+    data = f"measured (averages of {c.curve.rows} rows)" if len(d) < c.curve.rows else "measured"
     for part in c.parts:
-        through = np.append(0.0, d[part])
-        curves.plot(
-            through, np.append(0.0, c.start_loads[part]), color="0.55", linestyle=(0, (5, 2)),
-            linewidth=1.2, label=labels[0],
-        )  # fmt: skip
-        curves.plot(through, np.append(0.0, c.loads[part]), color=COLOURS[0], label=labels[1])
-        curves.plot(
-            d[part], c.curve.force[part], "o", color=COLOURS[1], markersize=4.2,
-            markerfacecolor="white", label=labels[2], zorder=5,
-        )  # fmt: skip
-        labels = ("_", "_", "_")
-    curves.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
-    curves.tick_params(labelbottom=False)
-    curves.legend(frameon=False, loc="upper left")
-    curves.set_title("Load curve", loc="left")
-    error = 100.0 * c.residuals
-    residual.axhspan(-100 * c.rms, 100 * c.rms, color="0.9", linewidth=0)
-    residual.axhline(0.0, color="0.5", linewidth=0.7)
-    residual.vlines(d, 0.0, error, color=COLOURS[0], linewidth=1.2)
-    residual.plot(d, error, "o", color=COLOURS[0], markersize=3.5)
-    most = 1.25 * max(float(np.abs(error).max()), 100.0 * c.rms)
-    residual.set(xlabel="displacement (mm)", ylabel="error (%)", ylim=(-most, most))
-    residual.text(
-        0.99, 0.06, "grey: RMS", transform=residual.transAxes, ha="right", color="0.4", fontsize=8
-    )
+        line, fitted = (np.append(0.0, loads[part]) for loads in (c.start_loads, c.loads))
+        axes.plot(np.append(0.0, d[part]), line, label=start, **DASHED)
+        axes.plot(np.append(0.0, d[part]), fitted, color=COLOURS[0], label=fit)
+        axes.plot(d[part], f[part], "o", label=data, zorder=5, **MEASURED)
+        start = fit = data = "_"  # in the legend once
+    axes.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
+    axes.tick_params(labelbottom=False)
+    axes.legend(frameon=False, loc="upper left")
+    axes.set_title("Load curve", loc="left")
+
+
+def _draw_residuals(axes: Axes, c: Calibration) -> None:
+    d, error, band = 1e3 * c.curve.displacement, 100.0 * c.residuals, 100.0 * c.rms
+    axes.axhspan(-band, band, color="0.9", linewidth=0)
+    axes.axhline(0.0, color="0.5", linewidth=0.7)
+    axes.vlines(d, 0.0, error, color=COLOURS[0], linewidth=1.2)
+    axes.plot(d, error, "o", color=COLOURS[0], markersize=3.5)
+    most = 1.25 * max(float(np.abs(error).max()), band)
+    axes.set(xlabel="displacement (mm)", ylabel="error (%)", ylim=(-most, most))
+    axes.text(0.99, 0.06, "grey: RMS", transform=axes.transAxes, **NOTE)
 
 
 def _draw_law(axes: Axes, c: Calibration) -> None:
-    degrees = np.rad2deg
-    reached, end = float(c.reached.max()), 1.08 * max(float(c.reached.max()), float(c.angles[-1]))
+    """In degrees and N/mm."""
+    knots, values = np.append(0.0, np.rad2deg(c.angles)), np.append(0.0, 1e-3 * c.values)
+    errors = np.append(0.0, 1e-3 * c.standard_errors)
+    reached = float(np.rad2deg(c.reached.max()))
+    end = 1.08 * max(reached, knots[-1])
     angle = np.linspace(0.0, end, 400)
-    values = 1e-3 * c.law.evaluate(angle)[1]
-    knots = np.concatenate([[0.0], c.angles])
-    error = 1e-3 * np.interp(angle, knots, np.concatenate([[0.0], c.standard_errors]))
-    inside = angle <= c.angles[-1]
-    axes.fill_between(
-        degrees(angle[inside]), (values - error)[inside], (values + error)[inside],
-        color=COLOURS[0], alpha=0.22, linewidth=0, label="± standard error",
-    )  # fmt: skip
-    start = 1e-3 * c.start_law.evaluate(angle)[1]
-    top = 1.22 * max((values + error)[inside].max(), start[angle <= reached].max())
-    axes.plot(
-        degrees(angle), start, color="0.55", linestyle=(0, (5, 2)), linewidth=1.2,
-        label=f"start: {c.start_from}",
-    )  # fmt: skip
-    axes.plot(degrees(angle[inside]), values[inside], color=COLOURS[0], label="identified law")
+    law, start = (1e-3 * each.evaluate(np.deg2rad(angle))[1] for each in (c.law, c.start_law))
+    inside, blue = angle <= knots[-1], COLOURS[0]
+    error = np.interp(angle, knots, errors)
+    band = angle[inside], (law - error)[inside], (law + error)[inside]
+    axes.fill_between(*band, color=blue, alpha=0.22, linewidth=0, label="± standard error")
+    top = 1.22 * max(band[2].max(), start[angle <= reached].max())
+    axes.plot(angle, start, label=f"start: {c.start_from}", **DASHED)
+    axes.plot(angle[inside], law[inside], color=blue, label="identified law")
+    axes.plot(angle[~inside], law[~inside], color=blue, linestyle=":")
     if PLACE in c.assumptions:
-        moved = 1e-3 * c.values * (1.0 + c.assumptions[PLACE].values)
+        moved = values * np.append(1.0, 1.0 + c.assumptions[PLACE].values)
         top = max(top, 1.25 * moved.max())
-        axes.plot(
-            degrees(knots), np.append(0.0, moved), color=COLOURS[2], linestyle=DASHES[2],
-            linewidth=1.2, label="if the yarns lay half a cell away",
-        )  # fmt: skip
-    beyond = angle >= c.angles[-1]
-    axes.plot(degrees(angle[beyond]), values[beyond], color=COLOURS[0], linestyle=":")
-    known = c.determined
-    axes.plot(degrees(c.angles[known]), 1e-3 * c.values[known], "o", color=COLOURS[0], markersize=4)
-    axes.plot(
-        degrees(c.angles[~known]), 1e-3 * c.values[~known], "o", color=COLOURS[0], markersize=4,
-        markerfacecolor="white",
-    )  # fmt: skip
-    label = f"depends on assumptions by over {100 * LARGEST_ERROR:.0f} %"
-    for low, high in c.ranges(c.dependent):
-        axes.axvspan(
-            degrees(low), degrees(min(high, end)), color=COLOURS[5], alpha=0.12, linewidth=0,
-            zorder=0, label=label,
-        )  # fmt: skip
-        label = "_"
-    label = f"not determined (standard error above {100 * LARGEST_ERROR:.0f} %)"
-    label = label if not known.all() else "extrapolated"
-    for low, high in c.uncertain_ranges():
-        axes.axvspan(
-            degrees(low), degrees(min(high, end)), facecolor="none", edgecolor="0.8", hatch="////",
-            linewidth=0, zorder=0, label=label,
-        )  # fmt: skip
-        label = "_"
-    axes.axvline(degrees(reached), color="0.4", linewidth=0.8)
-    axes.text(
-        degrees(reached) - 0.008 * degrees(end), 0.02 * top, "reached", rotation=90, ha="right",
-        va="bottom", color="0.35", fontsize=8,
-    )  # fmt: skip
-    axes.set(
-        xlabel="shear angle (°)", ylabel="torque per area $\\psi'$ (N/mm)",
-        xlim=(0.0, degrees(end)),
-        ylim=(0.0, top),
-    )  # fmt: skip
+        axes.plot(knots, moved, label="if the yarns lay half a cell away", **OTHERWISE)
+    for which, face in ((c.determined, blue), (~c.determined, "white")):
+        dots = knots[1:][which], values[1:][which]
+        axes.plot(*dots, "o", color=blue, markersize=4, markerfacecolor=face)
+    dependent = f"depends on assumptions by over {100 * LARGEST_ERROR:.0f} %"
+    _shade(axes, c.ranges(c.dependent), end, dependent, color=COLOURS[5], alpha=0.12)
+    unknown = f"not determined (standard error above {100 * LARGEST_ERROR:.0f} %)"
+    unknown = "extrapolated" if c.determined.all() else unknown
+    hatch = {"facecolor": "none", "edgecolor": "0.8", "hatch": "////"}
+    _shade(axes, c.uncertain_ranges(), end, unknown, **hatch)
+    axes.axvline(reached, color="0.4", linewidth=0.8)
+    axes.text(reached - 0.008 * end, 0.02 * top, "reached", rotation=90, **NOTE)
+    axes.set(xlabel="shear angle (°)", ylabel="torque per area $\\psi'$ (N/mm)")
+    axes.set(xlim=(0.0, end), ylim=(0.0, top))
     axes.legend(frameon=False, loc="upper left")
     axes.set_title("Shear law", loc="left")
 
 
-def _wrapped(text: str) -> list[str]:
-    from textwrap import wrap
-
-    return wrap(text, 98)
+def _shade(axes: Axes, ranges: list, end: float, label: str, **style: Any) -> None:
+    """Shade ranges of angles, rad, as far as the axes go."""
+    for low, high in np.rad2deg(ranges):
+        axes.axvspan(low, min(high, end), linewidth=0, zorder=0, label=label, **style)
+        label = "_"

@@ -20,7 +20,7 @@ from ..small.network import MODES
 from .tables import write_csv
 
 if TYPE_CHECKING:
-    from ..equilibrium.newton import Increment
+    from ..equilibrium.stages import Increment
     from ..experiments.experiment import Experiment
 
 NARROWEST = 40  # columns; what claims less does not know
@@ -112,8 +112,8 @@ def increments_table(
         LOAD.column: [increment.load for increment in increments],
         "shear_max_deg": np.rad2deg([increment.shear_max for increment in increments]),
     }
-    for i, mode in enumerate(MODES):
-        columns[f"energy_{mode}_J"] = [increment.energies[i] for increment in increments]
+    for mode in MODES:
+        columns[f"energy_{mode}_J"] = [increment.energies[mode] for increment in increments]
     for name, attribute in EFFORT.items():
         columns[name] = [getattr(increment, attribute) for increment in increments]
     return columns | {"asked": np.array(columns["asked"], int)}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..case.schema import Case
-    from ..equilibrium.newton import Increment
+    from ..equilibrium.stages import Increment
     from ..experiments.result import TestResult
 
 ROUNDING_N = 1e-9  # tensions of yarns below are none

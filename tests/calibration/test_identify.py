@@ -5,6 +5,7 @@ import json
 import logging
 import tomllib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +26,16 @@ from cruciform_petsc.calibration.formula import (
     torque_from_frame,
     torque_from_loads,
 )
-from cruciform_petsc.calibration.identify import LoadCurve, table_changes
+from cruciform_petsc.calibration.load_curve import LoadCurve
+from cruciform_petsc.calibration.rising import value_changes
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.laws import linear, odd_polynomial, table
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.calibration import figure
 
 DEMOS = Path(__file__).parents[2] / "demos"
 GLASS_PP = Fabric.from_library("glass-pp-plain-1.93")
@@ -57,10 +60,16 @@ def specimen(lumped=3, size=("100 mm", "200 mm"), angle="45 deg", fabric=UNKNOWN
     return Network(MPI.COMM_SELF, preform, fabric)
 
 
-def loads_of(network, law, displacement=DISPLACEMENT, **options):
-    curve = LoadCurve(network, displacement, **options)
+def curve_of(network, displacement, **test):
+    """Loads that a network would have."""
+    measured = MeasuredCurve(np.asarray(displacement), np.ones(len(displacement)), 0)
+    return LoadCurve(Specimen(network, measured, **test))
+
+
+def loads_of(network, law, displacement=DISPLACEMENT, **test):
+    curve = curve_of(network, displacement, **test)
     try:
-        return curve.solve(law)
+        return curve.solve(law).loads
     finally:
         curve.destroy()
 
@@ -186,17 +195,15 @@ def test_derivatives_of_the_loads():
     angles, values = np.deg2rad([3.0, 10.0, 20.0, 35.0]), np.array([3.0, 4.0, 7.0, 12.0])
     displacement = [0.004, 0.012, 0.022]
     network = specimen()
-    curve = LoadCurve(network, displacement)
+    curve = curve_of(network, displacement)
     try:
-        law = table(angles, values)
-        curve.solve(law)
-        curve.accept()
-        exact = curve.derivatives(law, table_changes(angles, values))
+        found = curve.solve(table(angles, values))
+        exact = curve.derivatives(found, partial(value_changes, angles, values))
         for k in range(4):
             h = 1e-4 * np.eye(4)[k] * values[k]
             up, down = (
-                curve.solve(table(angles, values + h)),
-                curve.solve(table(angles, values - h)),
+                curve.solve(table(angles, values + h), found).loads,
+                curve.solve(table(angles, values - h), found).loads,
             )
             # Newton stops at 1e-8 of the clamps' forces, differences are 1e-4 of them.
             np.testing.assert_allclose(
@@ -247,7 +254,7 @@ def test_noise():
     noise = 1.0 + 0.03 * np.random.default_rng(5).standard_normal(len(DISPLACEMENT))
     found = calibrate(network, DISPLACEMENT, noise * loads_of(network, RISING))
     off = found.values - RISING.evaluate(found.angles)[1]
-    assert 0.01 < found.noise < 0.06
+    assert 0.01 < found.estimate.noise < 0.06
     assert found.rms < 0.045
     assert (np.abs(off) < 4.0 * found.standard_errors).all()
     assert (found.standard_errors[found.determined] < 0.2 * found.values[found.determined]).all()
@@ -271,6 +278,75 @@ def test_half_a_specimen():
     np.testing.assert_allclose(found.values[:-1], RISING.evaluate(found.angles[:-1])[1], rtol=0.03)
 
 
+def test_standard_error_in_closed_form():
+    """Two curves of one frame, 5 % above and below a law: each value stands by itself.
+
+    A frame gives the law at its angle, so with f = F0/a and F0/b the least sum is at F/F0 =
+    (a + b)/(a^2 + b^2); the relative variance of a value is SSR/(n - m) over the sum of (F/f)^2.
+    """
+    square, m = frame(), len(FRAME)
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    curves = [MeasuredCurve.from_points(FRAME, factor * loads) for factor in (1.05, 0.95)]
+    found = calibrate_together(
+        [Specimen(square, curve, "picture-frame") for curve in curves],
+        angles=frame_angle(FRAME, (0.1, 0.1)),
+        smoothing=1e-4,
+    )
+    a, b = 1 / 1.05, 1 / 0.95
+    level = (a + b) / (a**2 + b**2)
+    true = RISING.evaluate(found.angles)[1]
+    np.testing.assert_allclose(found.values, level * true, rtol=1e-4)
+    squares = m * ((level * a - 1.0) ** 2 + (level * b - 1.0) ** 2)
+    noise = np.sqrt(squares / (2 * m - m))
+    assert found.estimate.settled == pytest.approx(m, rel=1e-4)
+    assert found.estimate.noise == pytest.approx(noise, rel=1e-3)
+    error = noise / np.sqrt((level * a) ** 2 + (level * b) ** 2)
+    np.testing.assert_allclose(found.standard_errors, error * found.values, rtol=1e-3)
+
+
+@pytest.mark.parametrize("lost", [{2}, {2, 3}, set(range(2, 99))])
+def test_steps_without_equilibrium(lost, monkeypatch):
+    """A trial law that has none makes the step shorter; the fit is never worse than its start."""
+    calls = []
+    solve = LoadCurve.solve
+
+    def failing(self, law, start=None):
+        calls.append(law)
+        if start is not None and len(calls) - 1 in lost:
+            raise EquilibriumError("no equilibrium found", "MAX_IT", [])
+        return solve(self, law, start)
+
+    network = specimen()
+    loads = loads_of(network, RISING)
+    monkeypatch.setattr(LoadCurve, "solve", failing)
+    found = calibrate(network, DISPLACEMENT, loads)
+    if len(lost) < 10:
+        assert found.rms < 0.005
+    else:
+        assert found.iterations == 0
+        assert found.message == "the iterations were as many as are allowed"
+        np.testing.assert_allclose(
+            found.law.evaluate(found.angles)[1], calls[1].evaluate(found.angles)[1]
+        )
+    assert found.rms <= 1.001 * found.start_rms
+
+
+def test_no_equilibrium_with_the_start(monkeypatch):
+    """Told in a sentence, also if it is the rising table of the start that has none."""
+    solve = LoadCurve.solve
+
+    def failing(self, law, start=None):
+        if start is not None:
+            raise EquilibriumError("no equilibrium found", "MAX_IT", [])
+        return solve(self, law, start)
+
+    network = specimen()
+    loads = loads_of(network, RISING)
+    monkeypatch.setattr(LoadCurve, "solve", failing)
+    with pytest.raises(InputError, match="has no equilibrium with the start for the law"):
+        calibrate(network, DISPLACEMENT, loads)
+
+
 # -- what the data do not determine ------------------------------------------------------------
 
 
@@ -285,8 +361,8 @@ def test_undetermined_part_is_told():
     assert not found.determined[-2:].any()  # 50 and 70 degrees
     assert found.determined[5:7].all()  # 20 and 25, the middle of the specimen
     # Their singular values are next to nothing.
-    assert (found.singular_values[-2:] < 1e-3 * found.singular_values[0]).all()
-    assert found.effective_parameters < 5
+    assert (found.estimate.singular_values[-2:] < 1e-3 * found.estimate.singular_values[0]).all()
+    assert found.estimate.settled < 5
     low, high = found.uncertain_ranges()[-1]
     assert np.rad2deg(low) <= reached + 1e-9
     assert high == np.inf
@@ -353,23 +429,22 @@ def test_formula_of_the_frame():
 def test_network_in_a_frame(size):
     """Shears uniformly, so the formula is the network's load; derivatives against differences."""
     network = frame(size)
-    curve = LoadCurve(network, FRAME[::2], kind="picture-frame")
+    curve = curve_of(network, FRAME[::2], kind="picture-frame")
     try:
         angles, values = np.deg2rad([5.0, 20.0, 45.0, 70.0]), np.array([3.0, 5.0, 9.0, 20.0])
         law = table(angles, values)
-        loads = curve.solve(law)
-        curve.accept()
+        found = curve.solve(law)
         low_x, low_y, high_x, high_y = network.preform.outline.bounds
-        g, torque = torque_from_frame(FRAME[::2], loads, (high_x - low_x, high_y - low_y))
+        g, torque = torque_from_frame(FRAME[::2], found.loads, (high_x - low_x, high_y - low_y))
         # Work of turning is a difference over 1e-5 of the angle.
         np.testing.assert_allclose(torque, law.evaluate(g)[1], rtol=1e-4)
-        np.testing.assert_allclose(curve.angles(), g, rtol=1e-4)
-        exact = curve.derivatives(law, table_changes(angles, values))
+        np.testing.assert_allclose(found.angles, g, rtol=1e-4)
+        exact = curve.derivatives(found, partial(value_changes, angles, values))
         for k in range(4):
             h = 1e-3 * np.eye(4)[k] * values[k]
-            change = curve.solve(table(angles, values + h)) - curve.solve(table(angles, values - h))
+            up, down = (curve.solve(table(angles, values + s * h), found).loads for s in (1, -1))
             np.testing.assert_allclose(
-                change / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
+                (up - down) / (2 * h[k]), exact[:, k], atol=1e-3 * abs(exact).max()
             )
     finally:
         curve.destroy()
@@ -501,7 +576,7 @@ def test_another_specimen_is_predicted():
     told = predict(found, other, further, loads_of(other, RISING, further))
     # As far as the law is known: the errors of its table, 2 % each (see above).
     assert told.rms_known < 0.015
-    assert told.extrapolated.tolist() == (told.angles > found.reached.max()).tolist()
+    assert told.extrapolated.tolist() == (told.reached > found.reached.max()).tolist()
     before = predict(UNKNOWN.shear, other, further, loads_of(other, RISING, further))
     assert before.rms > 10.0 * told.rms_known
     assert not before.extrapolated.any()
@@ -589,6 +664,31 @@ def test_calibration_of_the_published_curve(tmp_path):
         specimen(3, ("115 mm", "230 mm"), fabric=GLASS_PP), law, told["displacement_m"]
     )
     np.testing.assert_allclose(again, told["load_n"], rtol=2e-3)
+
+
+def test_picture():
+    """What is drawn: data, start and fit over the displacement; errors; the law over the angle."""
+    square = frame()
+    loads = loads_of(square, RISING, FRAME, kind="picture-frame")
+    found = calibrate(square, FRAME, 1.02 * loads, kind="picture-frame")
+    curves, residuals, law = figure(found, "Frame").axes
+    start, fit, data = (line.get_xydata().T for line in curves.lines)
+    np.testing.assert_allclose(start, [[0.0, *1e3 * FRAME], [0.0, *found.start_loads]])
+    np.testing.assert_allclose(fit, [[0.0, *1e3 * FRAME], [0.0, *found.loads]])
+    np.testing.assert_allclose(data, [1e3 * FRAME, found.curve.force])
+    labels = [text.get_text()[:8] for text in curves.get_legend().texts]
+    assert labels == ["start fr", "network ", "measured"]
+    np.testing.assert_allclose(residuals.lines[-1].get_ydata(), 100 * found.residuals)
+    lines = {line.get_label(): line.get_xydata().T for line in law.lines}
+    angle, value = lines["identified law"]
+    np.testing.assert_allclose(value, 1e-3 * found.law.evaluate(np.deg2rad(angle))[1])
+    angle, value = lines["if the yarns lay half a cell away"]
+    moved = found.values * (1.0 + found.assumptions["place of the yarns"].values)
+    np.testing.assert_allclose([angle[1:], value[1:]], [np.rad2deg(found.angles), 1e-3 * moved])
+    dots = [line.get_xdata() for line in law.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(np.sort(np.concatenate(dots)), np.rad2deg(found.angles))
+    (reached,) = [line for line in law.lines if line.get_color() == "0.4"]
+    assert reached.get_xdata()[0] == pytest.approx(np.rad2deg(found.reached.max()))
 
 
 def test_other_tests_are_refused(tmp_path):

@@ -11,10 +11,11 @@ from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
 from cruciform_petsc.calibration import calibrate
+from cruciform_petsc.calibration.load_curve import LoadCurve
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.net.network import Network
 
 COMM = MPI.COMM_WORLD
@@ -35,6 +36,38 @@ def test_same_law_on_all_ranks():
     assert found.iterations == alone.iterations
     for every in COMM.allgather(found.values):
         np.testing.assert_array_equal(every, found.values)
+
+
+def small_network():
+    preform = Preform.rectangle("100 mm", "200 mm", "45 deg", yarns_per_cruciform=4)
+    return Network(COMM, preform, Fabric.from_library("glass-pp-plain-1.93"))
+
+
+def test_a_failing_fit_ends_on_every_rank(monkeypatch):
+    """SciPy runs on rank 0 only; what it raises there is told to the others, which wait for it."""
+
+    def failing(residuals, start, *_, **__):
+        residuals(start)
+        raise ValueError("SVD did not converge")
+
+    monkeypatch.setattr("scipy.optimize.least_squares", failing)
+    with pytest.raises((ValueError, RuntimeError), match="SVD did not converge"):
+        calibrate(small_network(), DISPLACEMENT, FORCE)
+    assert COMM.allreduce(1) == COMM.size  # no message is left over
+
+
+def test_a_start_without_equilibrium_is_told_on_every_rank(monkeypatch):
+    solve = LoadCurve.solve
+
+    def failing(self, law, start=None):
+        if start is not None:
+            raise EquilibriumError("no equilibrium found", "MAX_IT", [])
+        return solve(self, law, start)
+
+    monkeypatch.setattr(LoadCurve, "solve", failing)
+    with pytest.raises(InputError, match="has no equilibrium with the start for the law"):
+        calibrate(small_network(), DISPLACEMENT, FORCE)
+    assert COMM.bcast(COMM.rank) == 0
 
 
 def test_a_bad_curve_is_told_on_every_rank(tmp_path):

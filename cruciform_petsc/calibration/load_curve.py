@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""Loads of a specimen's network for one shear law after the other, and their derivatives.
+
+At equilibrium the energy W(c, p) under the control c has dW/dp = sum of A dpsi/dp(gamma) over the
+quadrants, as places give nothing to first order (envelope theorem). The load is dW/dc, hence
+
+    dF/dp = sum over quadrants of A dpsi'/dp(gamma) dgamma/dc
+
+with dgamma/dc along dx/dc, the answer of the places to the clamps, from one solve with the tangent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..cloth.fabric import Fabric
+from ..equilibrium.follow import follow
+from ..equilibrium.newton import Equilibrium
+from ..equilibrium.stages import Step
+from ..equilibrium.state import Found, State
+from ..errors import CruciformError, EquilibriumError
+from ..experiments.bias_extension import BiasExtension
+from ..experiments.experiment import Experiment
+from ..experiments.finite import FiniteTest
+from ..experiments.picture_frame import PictureFrame
+from ..laws import LINEAR, TABLE, Potential
+from ..net.network import Network
+from .formula import frame_angle
+from .specimen import Specimen
+
+# What the law depends on without being identified, worth a look each time.
+DOUBLED = ("tension modulus", "yarn bending", "compression")
+PLACE = "place of the yarns"
+STEP = 1e-5  # of the control, for differences
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Equilibria of a specimen with one law, at each of n displacements."""
+
+    law: Potential
+    loads: np.ndarray  # (n,) N
+    angles: np.ndarray  # (n,) largest shear angle of a crossover, rad
+    states: list[State]
+
+
+class LoadCurve:
+    """Loads at a specimen's measured displacements, as functions of the shear law. Collective.
+
+    Call destroy when done. ``options`` are PETSc's for the solver.
+    """
+
+    def __init__(self, specimen: Specimen, options: dict | None = None):
+        self.specimen, self._options = specimen, options
+        self.newton_steps = 0
+        network, bending = specimen.network, specimen.bending
+        controls = specimen.curve.displacement
+        self._experiment: Experiment
+        if specimen.is_frame:
+            controls = frame_angle(controls, specimen.sides)
+            self._experiment = PictureFrame(network, controls, finite=True, bending=bending)
+        else:
+            self._experiment = BiasExtension(
+                network, controls, upper=specimen.upper, finite=True, bending=bending
+            )
+        self._test = FiniteTest(self._experiment)
+        self._equilibrium = Equilibrium(self._test.model, self._test.at(0.0), options)
+
+    def destroy(self) -> None:
+        """Free what PETSc holds. Collective."""
+        self._equilibrium.destroy()
+
+    def solve(self, law: Potential, start: Loads | None = None) -> Loads:
+        """Find equilibrium at each displacement. Collective.
+
+        From ``start``, of another law, it takes two or three Newton steps each; without, or where
+        that fails, it is followed from rest. EquilibriumError on every rank if there is none.
+        """
+        self._take(law)
+        found: list[tuple[float, float]] = []  # load, angle
+        states: list[State] = []
+
+        def keep(state: State, load: float, angle: float) -> None:
+            states.append(state)
+            found.append((load, angle))
+
+        def accepted(step: Step, _path) -> None:
+            self.newton_steps += step.increment.iterations
+            if step.increment.asked:
+                keep(step.state, step.increment.load, step.increment.shear_max)
+
+        try:
+            for state in start.states if start else []:
+                solved: Found = self._equilibrium.solve(state)
+                self.newton_steps += solved.iterations
+                measured = self._test.measure(solved)
+                keep(solved.state, measured.load, measured.shear_max)
+        except EquilibriumError:
+            found, states = [], []
+        if not found:
+            follow(self._equilibrium, self._test.stage(), self._test.at(0.0), accepted)
+        loads, angles = self.specimen.network.comm.bcast(np.transpose(found))
+        return Loads(law, loads, angles, states)
+
+    def _take(self, law: Potential) -> None:
+        """Let the network have a law; states know nothing of it."""
+        cruciforms = self._test.ply.cruciforms
+        cruciforms.cloth = replace(cruciforms.cloth, shear=law.packed)
+
+    def solve_otherwise(self, what: str, start: Loads) -> np.ndarray | None:
+        """Loads with another value of something assumed and the law of ``start``, N; (n,).
+
+        Collective. ``what`` is one of DOUBLED, or PLACE: the yarns half a cell of the lattice away,
+        which changes what yarns the clamps hold. None if that cannot be or has no equilibrium.
+        """
+        network, other = self.specimen.network, None
+        fabric, preform = network.fabric, network.preform
+        if what == "yarn bending" and not self.specimen.bending:
+            return None
+        try:
+            if what == PLACE:
+                x, y = preform.lattice_origin + network.to_lab(0.5 * network.pitch)
+                preform = replace(preform, origin=(float(x), float(y)))
+            else:
+                fabric = _with_twice(fabric, what)
+            network = Network(network.comm, preform, fabric)
+            other = LoadCurve(replace(self.specimen, network=network), self._options)
+            return other.solve(start.law, None if what == PLACE else start).loads
+        except CruciformError:  # on all ranks
+            return None
+        finally:
+            if other is not None:
+                self.newton_steps += other.newton_steps
+                other.destroy()
+
+    def derivatives(self, at: Loads, changes: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Derivatives of the loads by parameters of the law, (n, m) N per unit. Collective.
+
+        ``changes`` gives dpsi'/dp at shear angles (k,) rad, as (m, k) N/m per unit.
+        """
+        self._take(at.law)
+        area = self._test.ply.cruciforms.area
+        result = []
+        for state in at.states:
+            moved, step = self._moved(state), STEP * state.time
+            behind, ahead = (self._quadrants(state, moved, s) for s in (-step, step))
+            load = self._experiment.load_of(1.0, state.time)
+            rate = area * (ahead - behind) / (2.0 * step) * load
+            result.append(changes(0.5 * (behind + ahead).ravel()) @ rate.ravel())
+        return self.specimen.network.comm.allreduce(np.array(result))
+
+    def _moved(self, state: State) -> np.ndarray:
+        """Change of all places per change of the control, (n_local, 2)."""
+        test, control = self._test, state.time
+        if self.specimen.is_frame:  # uniform; its clamps turn what they hold, too
+            ends = (self._experiment.motion("lower", control + s)[0] for s in (-STEP, STEP))
+            behind, ahead = ends
+            return test.ply.nodes.rest @ (ahead - behind).T / (2.0 * STEP)
+        return self._equilibrium.tangent_step(state, test.rate(control))[0]
+
+    def _quadrants(self, state: State, moved: np.ndarray, step: float) -> np.ndarray:
+        """Shear angle of each quadrant a step on, rad; (cruciforms, 4)."""
+        there = self._test.at(state.time + step, state.x + step * moved)
+        cruciforms = self._test.ply.cruciforms
+        return cruciforms.quadrant_angles(cruciforms.arms(there)[1])
+
+
+def _with_twice(fabric: Fabric, what: str) -> Fabric:
+    """The cloth with twice one of DOUBLED; InputError if that cannot be."""
+    if what == "compression":
+        return replace(fabric, compression=2.0 * fabric.compression)
+    name, times = ("yarn_bending", 1.0) if what == "yarn bending" else ("modulus", 2.0)
+    changes = {}
+    for side in ("warp", "weft"):
+        family, law = getattr(fabric, side), getattr(fabric, f"{side}_law")
+        changes[side] = replace(family, **{name: 2.0 * getattr(family, name)})
+        changes[f"{side}_law"] = law and _times(times, law)
+    return replace(fabric, **changes)
+
+
+def _times(factor: float, law: Potential) -> Potential:
+    """A law times a number; what is linear in the force follows the kind, numbers and knots."""
+    kind, number = law.data[:2]
+    first = 1 if kind == LINEAR else 3 + int(number) if kind == TABLE else 2
+    return Potential((*law.data[:first], *(factor * value for value in law.data[first:])))

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: MIT
+"""What a calibration found, what it does not know, and how well loads are followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ..cloth.fabric import Fabric
+from ..laws import Potential
+from .curve import MeasuredCurve
+from .load_curve import PLACE
+from .rising import law_of
+from .specimen import Specimen
+from .statistics import Estimate
+
+LARGEST_ERROR = 0.2  # relative; a value whose standard error is larger counts as not determined
+POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Loads of a network beside those measured."""
+
+    curve: MeasuredCurve
+    loads: np.ndarray  # (n,) of the network with the law, N
+    reached: np.ndarray  # (n,) largest shear angle of a crossover at each point, rad
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Relative error of each load, (n,)."""
+        return self.loads / self.curve.force - 1.0
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square of the relative errors."""
+        return rms(self.residuals)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction(Comparison):
+    """Loads foretold for a specimen that the law was not identified on."""
+
+    known_to: float  # shear angle from which on the law is extrapolated, rad
+
+    @property
+    def extrapolated(self) -> np.ndarray:
+        """Points at which some of the cloth shears further than the law is known, bool (n,)."""
+        return self.reached > self.known_to * (1.0 + 1e-9)
+
+    @property
+    def rms_known(self) -> float:
+        """RMS over the other points; NaN if there are none."""
+        return rms(self.residuals[~self.extrapolated])
+
+
+class Assumption(NamedTuple):
+    """Relative changes with another value of something assumed.
+
+    Of the loads with the law as it is (n,), and to first order of the values identified (m,).
+    """
+
+    loads: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(Comparison):
+    """A shear law identified from load curves, all their points one after the other.
+
+    ``estimate`` is for relative changes of the values and of the loads, d ln F_i/d ln psi'_k.
+    ``assumptions``: what twice the tension modulus, the yarn bending, the stiffness in compression
+    would change, and another place of the yarns in the specimen, half a cell of the lattice away.
+    """
+
+    specimens: tuple[Specimen, ...]
+    start_law: Potential
+    start_from: str  # what start_law is, "closed formula" or "straight line"
+    start_loads: np.ndarray  # (n,) of the network with the start, N
+    angles: np.ndarray  # (m,) of the law's table, rad
+    values: np.ndarray  # (m,) of the law's table, N/m
+    estimate: Estimate
+    assumptions: dict[str, Assumption]
+    smoothing: float
+    iterations: int  # least-squares steps
+    evaluations: int  # curves of loads computed
+    newton_steps: int  # in all
+    seconds: float
+    message: str  # why the iterations ended
+
+    @property
+    def law(self) -> Potential:
+        """Psi over the shear angle [N/m over rad]."""
+        return law_of(self.angles, self.values)
+
+    @property
+    def fabric(self) -> Fabric:
+        """The cloth with this law."""
+        return self.specimens[0].network.fabric.with_shear_law(self.law)
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Of the values, (m,) N/m."""
+        return self.estimate.errors * self.values
+
+    @property
+    def determined(self) -> np.ndarray:
+        """Whether the data determine each value, bool (m,).
+
+        Cloth sheared beyond the angle before, and the standard error is at most LARGEST_ERROR.
+        """
+        visited = np.append(0.0, self.angles[:-1]) < self.reached.max()
+        return visited & (self.estimate.errors <= LARGEST_ERROR)
+
+    @property
+    def parts(self) -> list[slice]:
+        """Which points belong to which specimen's curve."""
+        ends = np.cumsum([0] + [len(s.curve.force) for s in self.specimens])
+        return [slice(int(low), int(high)) for low, high in pairwise(ends)]
+
+    @property
+    def start_rms(self) -> float:
+        """Root of the mean square of the relative errors of the start."""
+        return rms(self.start_loads / self.curve.force - 1.0)
+
+    @property
+    def dependent(self) -> np.ndarray:
+        """Where the law depends on something assumed by more than LARGEST_ERROR, bool (m,)."""
+        changes = [np.abs(assumption.values) for assumption in self.assumptions.values()]
+        return np.max([np.zeros(len(self.angles)), *changes], axis=0) > LARGEST_ERROR
+
+    @property
+    def known_to(self) -> float:
+        """Shear angle from which on the law is extrapolated, rad."""
+        return min(float(self.reached.max()), float(self.angles[-1]))
+
+    def uncertain_ranges(self) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, that the data do not determine; the last one has no end."""
+        ranges = self.ranges(~self.determined)
+        if not ranges or ranges[-1][1] < np.inf:
+            ranges.append((self.known_to, np.inf))
+        ranges[-1] = (min(ranges[-1][0], self.known_to), np.inf)
+        return ranges
+
+    def ranges(self, marked: np.ndarray) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, from before each marked one of the table to after it."""
+        knots = [0.0, *map(float, self.angles), np.inf]
+        ranges: list[tuple[float, float]] = []
+        for k in np.flatnonzero(marked):
+            low = ranges.pop()[0] if ranges and knots[k] <= ranges[-1][1] else knots[k]
+            ranges.append((low, knots[k + 2]))
+        return ranges
+
+    def remarks(self) -> list[str]:
+        """Say in sentences what the data do not tell."""
+        first, last = np.rad2deg([self.reached.min(), self.reached.max()])
+        *gaps, (beyond, _) = np.rad2deg(self.uncertain_ranges())
+        percent = f"{100 * LARGEST_ERROR:.0f} %"
+        texts = [
+            f"The specimen sheared by up to {first:.1f} deg at its first point and {last:.1f} deg "
+            "at its last: before, the law is a curve from zero; past that it is extrapolated along "
+            "its last slope."
+        ]
+        texts += [
+            f"Between {low:.1f} and {high:.1f} deg the data do not determine the law to {percent}: "
+            "it follows from smoothness there."
+            for low, high in gaps
+        ]
+        if beyond < last * (1 - 1e-9) and not self.determined[-1]:
+            texts.append(
+                f"From {beyond:.1f} deg on the data do not determine the law to {percent}, though "
+                "some of the cloth sheared more."
+            )
+        if self.rms > POOR_FIT:
+            texts.append(
+                f"The network does not follow the curve (RMS of the relative error "
+                f"{100 * self.rms:.0f} %): check the specimen's size, the units and the yarns."
+            )
+        for name, assumption in self.assumptions.items():
+            load, value = 100 * abs(assumption.loads).max(), 100 * abs(assumption.values).max()
+            other, fixed = f"Twice the {name}", f"the fabric's {name}"
+            if name == PLACE:
+                other, fixed = "Yarns half a cell away", "the place of the yarns in the specimen"
+            if value > 5.0:
+                texts.append(
+                    f"{other} would change loads by up to {load:.0f} % and the law by up to "
+                    f"{value:.0f} %: the law holds together with {fixed}."
+                )
+        return texts
+
+
+def rms(values: np.ndarray) -> float:
+    """Root of the mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
