@@ -26,7 +26,7 @@ from .case.schema import Case
 from .case.template import KINDS, new_case, write_new_case
 from .cloth.fabric import Fabric, fabric_names
 from .errors import CruciformError, InputError
-from .output.folder import prepare_directory
+from .output.folder import OF_CALIBRATION, locked, prepare_directory
 from .parallel import on_root
 from .units import format_si
 
@@ -262,7 +262,8 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
             more["also"] = list(zip(also, args.also_data, strict=True))
         if args.weights is not None:
             more["weights"] = _numbers(args.weights)
-        calibrate_case(comm, case, args.data, directory, log, **more)
+        with locked(comm, directory, OF_CALIBRATION, log):
+            calibrate_case(comm, case, args.data, directory, log, **more)
     else:
         running.append(directory)
         from .run import run_case

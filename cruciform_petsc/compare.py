@@ -19,7 +19,7 @@ import numpy as np
 from .calibration.curve import read_curve
 from .errors import InputError
 from .output import pictures
-from .output.folder import prepare_directory
+from .output.folder import OF_COMPARISON, locked, prepare_directory
 from .output.tables import write_json
 from .parallel import on_root
 
@@ -406,34 +406,35 @@ def compare_command(
     a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
     told, figures, lines = compare(a, b)
     folder = prepare_directory(comm, directory)
-    log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
-    log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
-    log.info("A less B, loads and energies relative to B, angles in degrees:")
-    for name, value in figures.items():
-        what, at = NAMES.get(name, name), f"{_unit(told['over'])} ({value.points} points)"
-        log.info("   %-32s %s %s", what, value.text(), at)
-    write_json(comm, folder / "comparison.json", told)
-    label = NAMES.get(told["over"], told["over"])
-    labels = _labels(a, b)
-    shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
-    pictures.overlaid(
-        comm,
-        folder / "comparison.png",
-        [
-            (
-                (label, _axis(name)),
-                {
-                    labels[i]: (
-                        lines[name][i] if side.is_measured else drawn(lines[name][i]),
-                        side.is_measured,
-                    )
-                    for i, side in enumerate((a, b))
-                },
-            )
-            for name in shown or list(lines)[:2]
-        ],
-    )
-    log.info("comparison in %s", folder)
+    with locked(comm, folder, OF_COMPARISON, log):
+        log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
+        log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
+        log.info("A less B, loads and energies relative to B, angles in degrees:")
+        for name, value in figures.items():
+            what, at = NAMES.get(name, name), f"{_unit(told['over'])} ({value.points} points)"
+            log.info("   %-32s %s %s", what, value.text(), at)
+        write_json(comm, folder / "comparison.json", told)
+        label = NAMES.get(told["over"], told["over"])
+        labels = _labels(a, b)
+        shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
+        pictures.overlaid(
+            comm,
+            folder / "comparison.png",
+            [
+                (
+                    (label, _axis(name)),
+                    {
+                        labels[i]: (
+                            lines[name][i] if side.is_measured else drawn(lines[name][i]),
+                            side.is_measured,
+                        )
+                        for i, side in enumerate((a, b))
+                    },
+                )
+                for name in shown or list(lines)[:2]
+            ],
+        )
+        log.info("comparison in %s", folder)
     return told
 
 

@@ -35,7 +35,7 @@ from .net.network import Network
 from .output import figures, paraview, tables
 from .output.checkpoint import Checkpoint, resume_command
 from .output.figures import ROUNDING_N, control_text
-from .output.folder import locked, remove_results
+from .output.folder import OF_RUN, locked, remove_results
 from .output.progress import Route, progress_bar
 from .output.provenance import file_notes, provenance, versions
 from .output.report import force_text, tension_text, write_report
@@ -180,10 +180,8 @@ def run_case(
     checkpoint : Checkpoint, optional
         To go on from; by default the test begins at rest.
     """
-    if case.test.finite:
-        return _run_case(comm, case, directory, log, checkpoint)  # checkpoints lock the folder
-    with locked(comm, directory):
-        return _run_case(comm, case, directory, log, None)
+    with locked(comm, directory, OF_RUN, log):
+        return _run_case(comm, case, directory, log, checkpoint)
 
 
 def _run_case(

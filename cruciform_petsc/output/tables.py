@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
+import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..parallel import on_root
+from .folder import claim
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -99,11 +100,12 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 def start_file(path: str | Path) -> Path:
     """Make an empty file beside ``path`` and return its name; InputError if that cannot be."""
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         if path.is_dir():
             raise OSError("a folder has that name")
-        temporary.touch()
+        claim(path)
+        temporary.touch(exist_ok=False)  # which follows no link
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         raise _cannot_write(path, _reason(error)) from None
     return temporary
