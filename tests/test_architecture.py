@@ -14,6 +14,7 @@ ROOT = Path(cruciform_petsc.__file__).parent
 ORDER = [
     {"errors"},
     {"units"},
+    {"fields"},
     {"quantities"},
     {"laws"},
     {"parallel"},

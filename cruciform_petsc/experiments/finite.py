@@ -17,6 +17,7 @@ from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
 from ..items.ply import Ply
 from ..net.edges import Constraints
+from ..net.nodes import Nodes
 from . import result
 
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
@@ -27,10 +28,10 @@ class Keeper(Protocol):
 
     increments: list[Increment]
 
-    def restore(self, ply: Ply) -> Any:
-        """Where to go on: states, target, allowed, load, asked."""
+    def restore(self, nodes: Nodes) -> Any:
+        """Where to go on: `states` and `asked` (controls, positions), `path` of Path's numbers."""
 
-    def write(self, ply: Ply, path: Path, increments: list[Increment]) -> None:
+    def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
         """Keep what has been reached."""
 
 
@@ -169,7 +170,7 @@ def solve_finite(
         if increment.asked:
             states.append(last[0])
         if keeper is not None:
-            keeper.write(test.ply, path, done)
+            keeper.write(test.ply.nodes, path, done)
         if accepted is not None:
             accepted(increment)
 
@@ -182,11 +183,11 @@ def solve_finite(
 
     try:
         if keeper is not None:
-            kept = keeper.restore(test.ply)
+            kept = keeper.restore(test.ply.nodes)
             done += keeper.increments
             states += [test.result_state(test.measured_anew(*asked)) for asked in kept.asked]
             places = [test.at(*place) for place in kept.states]
-            path = Path(places, kept.target, kept.allowed, kept.load)
+            path = Path(places, **kept.path)
         follow(equilibrium, test.stage(), path, take)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.

@@ -244,15 +244,15 @@ def test_cut_steps_are_told(tmp_path, monkeypatch):
     """A step that fails once is halved, and the summary and the page say so."""
     from cruciform_petsc.equilibrium import newton
 
-    advance, calls = newton.Path.advance, []
+    solve, calls = newton.Equilibrium.solve, []
 
-    def fails_once(self, control, guess=None):
-        calls.append(control)
+    def fails_once(self, guess):
+        calls.append(guess.time)
         if len(calls) == 2:
             raise newton.EquilibriumError("no", "MAX_IT", [])
-        return advance(self, control, guess)
+        return solve(self, guess)
 
-    monkeypatch.setattr(newton.Path, "advance", fails_once)
+    monkeypatch.setattr(newton.Equilibrium, "solve", fails_once)
     summary = run_case(COMM, made(), tmp_path, LOG)
     assert sum(step["cuts"] for step in summary["increments"]) == 1
     assert any("cut in half 1 times" in sentence for sentence in summary["warnings"])

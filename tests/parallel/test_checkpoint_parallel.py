@@ -6,13 +6,12 @@ import shutil
 
 import numpy as np
 import pytest
-from cruciform_petsc.equilibrium.finite import FiniteNetwork
 from mpi4py import MPI
 from output.test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.experiments.finite import FiniteTest
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.checkpoint import Checkpoint
 
@@ -66,10 +65,8 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
 
     def kept(comm):
         network = Network(comm, case.preform(), case.fabric())
-        constraints = Constraints(network, True)
-        case.experiment(network).grip(constraints)
-        model = FiniteNetwork(constraints)
-        return model.nodes.node_key, Checkpoint.resume(comm, tmp_path).restore(model)
+        nodes = FiniteTest(case.experiment(network)).ply.nodes
+        return nodes.node_key, Checkpoint.resume(comm, tmp_path).restore(nodes)
 
     key, many = kept(COMM)
     one_key, one = kept(MPI.COMM_SELF)
@@ -85,14 +82,17 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
 def test_damage_is_refused_on_every_rank(tmp_path):
     killed_run(tmp_path, case_of(), COMM, 2)
     folder = tmp_path / "checkpoint"
-    good = (folder / "newest").read_bytes()
-    COMM.barrier()
-    on_one((folder / "previous").unlink)
-    for harm, data in harms(good, np.random.default_rng(4)):
-        on_one(lambda data=data: (folder / "newest").write_bytes(data))
-        with pytest.raises(InputError, match="newest.*; begin anew with") as caught:
-            Checkpoint.resume(COMM, tmp_path)
-        assert len(set(COMM.allgather(str(caught.value)))) == 1, harm
+    for name in ("manifest.json", f"rank-{COMM.size - 1}.npy"):
+        path = folder / "newest" / name
+        good = path.read_bytes()
+        COMM.barrier()
+        on_one(lambda: shutil.rmtree(folder / "previous", ignore_errors=True))
+        for harm, data in harms(good, np.random.default_rng(4)):
+            on_one(lambda data=data, path=path: path.write_bytes(data))
+            with pytest.raises(InputError, match="newest.*; begin anew with") as caught:
+                Checkpoint.resume(COMM, tmp_path)
+            assert len(set(COMM.allgather(str(caught.value)))) == 1, harm
+        on_one(lambda path=path, good=good: path.write_bytes(good))
 
 
 def test_files_of_two_runs_are_not_mixed(tmp_path):
@@ -102,7 +102,8 @@ def test_files_of_two_runs_are_not_mixed(tmp_path):
     if COMM.size == 1:
         pytest.skip("two runs on one rank write the same")
     at = "checkpoint/state-1"
-    on_one(lambda: shutil.copy(tmp_path / "a" / at, tmp_path / "b" / at))
+    on_one(lambda: shutil.rmtree(tmp_path / "b" / at))
+    on_one(lambda: shutil.copytree(tmp_path / "a" / at, tmp_path / "b" / at))
     checkpoint = Checkpoint.resume(COMM, tmp_path / "b")
     with pytest.raises(InputError, match='state-1" is of another run than its neighbours'):
         solve(case, checkpoint, comm=COMM)
