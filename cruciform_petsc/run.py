@@ -23,13 +23,7 @@ from .compare import against_measured, check_measured, load_line
 from .elements.kinematics import net_reach
 from .equilibrium.newton import EquilibriumError, Increment
 from .errors import InputError, SolverError
-from .experiments.bias_extension import BiasExtension
-from .experiments.biaxial import Biaxial
-from .experiments.cantilever import Cantilever
 from .experiments.experiment import Experiment
-from .experiments.off_axis import OffAxisTension
-from .experiments.pantograph import Pantograph
-from .experiments.picture_frame import PictureFrame
 from .experiments.result import TestResult
 from .net.network import Network
 from .output import figures, paraview, tables
@@ -115,47 +109,9 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("           %d unknowns", per_node * network.num_nodes_global)
-    experiment = make_experiment(case, network)
+    experiment = case.experiment(network)
     for value in experiment.check():
         log.info("           %s", value)
-
-
-def make_experiment(
-    case: Case, network: Network, *, bending: bool | None = None, controls: Any = None
-) -> Experiment:
-    """Make the experiment that a case describes.
-
-    Parameters
-    ----------
-    case : Case
-    network : Network
-        Of the case, or a finer one.
-    bending : bool, optional
-        In place of the case's.
-    controls : float or list of float, optional
-        Extensions (angles, strains, a cantilever's loads) in SI, in place of the case's values.
-    """
-    test = case.test
-    key, values = test.control, test.values_si if test.is_curve else test.values_si[0]
-    if controls is not None:
-        key, values = next(iter(test.controls)), controls
-    options: dict[str, Any] = {
-        "finite": test.finite,
-        "bending": test.bending if bending is None else bending,
-        "increments": test.increments,
-        "options": case.solver.options,
-        key: values,
-    }
-    kinds: dict[str, tuple[Callable[..., Experiment], tuple[str, ...]]] = {
-        "bias-extension": (BiasExtension, ("upper", "model")),
-        "biaxial": (Biaxial, ("ratio",)),
-        "cantilever": (Cantilever, ()),
-        "off-axis-tension": (OffAxisTension, ("ends",)),
-        "pantograph": (Pantograph, ()),
-        "picture-frame": (PictureFrame, ()),
-    }
-    make, more = kinds[test.kind]
-    return make(network, **options, **{name: getattr(test, name) for name in more})
 
 
 def run_case(
@@ -213,7 +169,7 @@ def _run_case(
         statistics = network.statistics()
     log_network(log, statistics)
 
-    experiment = make_experiment(case, network)
+    experiment = case.experiment(network)
     resumed = checkpoint is not None
     failure: SolverError | None = None
     progress = Progress(experiment, directory / "increments.csv", log)
@@ -230,7 +186,7 @@ def _run_case(
         log.info(
             "           if interrupted, continue with: %s", resume_command(directory, comm.size)
         )
-    size = "finite deformation" if case.test.finite else f"{case.test.model} model"
+    size = "finite deformation" if case.test.finite else f"{experiment.model} model"
     with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
         try:
             with _telling_how_to_resume(checkpoint), progress.bar():
@@ -261,12 +217,12 @@ def _run_case(
 
     without = None
     wanted = case.output.pictures or case.continuum.compare
-    comparable = experiment.has_zones and case.test.model == "coupled"
+    comparable = experiment.has_zones and experiment.model == "coupled"
     moved = result.extension != 0.0  # a list may end at rest
     if moved and case.test.bending and comparable and wanted and not case.test.finite:
         with stages.stage("solve_without_bending", "the same without yarn bending, to compare"):
-            without = make_experiment(
-                case, network, bending=False, controls=float(result.extension)
+            without = case.experiment(
+                network, bending=False, controls=float(result.extension)
             ).solve()
         summary["without_bending"] = {
             "load_n": without.load,
@@ -602,7 +558,7 @@ def _summary(case: Case, result: TestResult, statistics: dict, hanging: int) -> 
         )
     summary |= {
         "network": {**statistics, "hanging_crossovers": hanging},
-        "model": case.test.model,
+        "model": experiment.model,
         "bending": case.test.bending,
         "case": case.model_dump(),
         **provenance(comm),
@@ -815,9 +771,7 @@ def _ladder(comm, case: Case, stages: Stages, result, membrane) -> list[dict]:
     for refine in case.continuum.ladder or ():
         with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
             network = Network(comm, case.preform(refine=refine), case.fabric())
-            rung = make_experiment(
-                case, network, bending=case.second_gradient, controls=controls
-            ).solve()
+            rung = case.experiment(network, bending=case.second_gradient, controls=controls).solve()
             comparison = rung.compare_with_membrane(membrane)
         rungs.append(
             {"refine": refine, "crossovers": network.num_crossovers_global} | comparison.as_dict()

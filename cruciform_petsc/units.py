@@ -12,11 +12,11 @@ import math
 import re
 from functools import lru_cache
 from numbers import Real
-from typing import Any, overload
+from typing import Any, Self, overload
 
 import pint
 
-from cruciform_petsc.errors import InputError, cut, shown
+from .errors import InputError, cut, shown
 
 _DEFINITIONS = """
 giga- = 1e9 = G-
@@ -70,6 +70,29 @@ _UNSIGNED = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*([+-]?{_UNSIGNED})(.*)", re.DOTALL)
 # "1/4.8 mm", one yarn per 4.8 mm, and "900 N/5 cm", from a strip of that width.
 _PER_SOME = re.compile(rf"([^/]*)/\s*({_UNSIGNED})\s*([^\W\d][^/]*)")
+
+
+class Quantity(str):
+    """A quantity as it was written ("2.4 cm"), which keeps its value: it is parsed once.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit, as for `parse`.
+    si : float
+        Value in it.
+    """
+
+    unit: str
+    si: float
+
+    @classmethod
+    def read(cls, value: Any, unit: str, *, column: bool = False) -> Self:
+        """Parse a quantity, or with `column` a unit by itself, which is worth so much of SI."""
+        si = parse_unit(value, unit) if column else parse(value, unit)
+        quantity = cls(value)
+        quantity.unit, quantity.si = unit, si
+        return quantity
 
 
 @lru_cache(maxsize=1)
@@ -129,6 +152,8 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     ValueError
         The end of a sentence that begins with the key.
     """
+    if isinstance(value, Quantity) and value.unit == unit:
+        return value.si
     kind, example, _ = _KINDS[unit]
     if isinstance(value, Real) and not isinstance(value, bool):
         try:

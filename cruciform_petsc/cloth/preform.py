@@ -14,15 +14,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import shapely
+from pydantic import Field, model_validator
 from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..units import format_si, to_si
+from ..fields import Count, Of, Point, Ring, Table
+from ..units import Quantity, format_si, to_si
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
@@ -204,6 +206,18 @@ class Preform:
             return np.array(self.origin)
         x0, y0, x1, y1 = self.outline.bounds
         return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+
+    def check_along_the_yarns(self, whose: str) -> None:
+        """Raise InputError, which names `whose` need it is, if yarns do not follow its sides."""
+        exterior = shapely.Polygon(self.outline.exterior)
+        box = shapely.box(*exterior.bounds)
+        if exterior.symmetric_difference(box).area > 1e-9 * box.area:
+            raise InputError(f"{whose} needs preform.outline to be a rectangle with upright sides")
+        if abs(math.sin(2.0 * self.bias_angle)) > 1e-9:
+            raise InputError(
+                f'{whose} needs yarns along the edges: preform.bias_angle = "0 deg" or "90 deg", '
+                f'got "{format_si(self.bias_angle, "rad")}"'
+            )
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:
         """Distance between neighbouring crossovers along a warp and along a weft yarn [m].
@@ -397,3 +411,69 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
     turn = ~shapely.contains_xy(outline, probe)
     array[turn] = array[turn, ::-1]
     return array
+
+
+# -- tables of case files, from which preforms are built -------------------------------------------
+
+
+class OutlineTable(Table):
+    """[preform] outline: a rectangle (width, length), or a polygon with holes."""
+
+    rectangle: Point | None = Field(
+        default=None,
+        description="Width and length. x from -width/2 to width/2, y from 0 to the length.",
+        examples=[["100 mm", "200 mm"]],
+    )
+    polygon: Ring | None = Field(
+        default=None,
+        description="Corners in order, in place of a rectangle. The body is pulled along y.",
+        examples=[[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]],
+    )
+    holes: list[Ring] = Field(
+        default=[],
+        description="Corners of each hole.",
+        examples=[[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]],
+    )
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> OutlineTable:
+        if (self.rectangle is None) == (self.polygon is None):
+            raise ValueError("needs exactly one of rectangle and polygon")
+        return self
+
+
+class PreformTable(Table):
+    """[preform]: see `Preform`."""
+
+    outline: OutlineTable = Field(
+        description="A rectangle, or a polygon with holes.",
+        examples=[{"rectangle": ["100 mm", "200 mm"]}],
+    )
+    bias_angle: Annotated[Quantity, Of("rad")] = Field(
+        description="From the pull (y) to the warp.", examples=["45 deg"]
+    )
+    refine: Count = Field(
+        default=1, description="A finer net of the same fabric: pitch divided by this."
+    )
+    yarns_per_cruciform: Count = Field(
+        default=1, description="A coarser net: pitch times this. Not together with refine."
+    )
+    origin: Point | None = Field(
+        default=None,
+        description="A crossover's place. The default is the centre of the outline's bounding box.",
+        examples=[["0 mm", "100 mm"]],
+    )
+
+    def build(self, refine: int | None = None) -> Preform:
+        """Make the preform; `refine` replaces the table's."""
+        outline = self.outline
+        options: dict[str, Any] = {
+            "refine": self.refine if refine is None else refine,
+            "yarns_per_cruciform": self.yarns_per_cruciform,
+            "origin": self.origin,
+        }
+        if outline.rectangle is None:
+            assert outline.polygon is not None  # the check above has seen to it
+            return Preform.polygon(outline.polygon, outline.holes, self.bias_angle, **options)
+        width, length = outline.rectangle
+        return Preform.rectangle(width, length, self.bias_angle, holes=outline.holes, **options)

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from ..elements.kinematics import net_reach
 from ..errors import InputError
@@ -16,6 +17,41 @@ from ..small.separate import solve_separately
 from ..units import format_si
 from .experiment import PULL, Experiment, Grip
 from .result import State, TestResult
+from .table import PullTable
+
+
+class BiasExtensionTable(PullTable):
+    """A strip clamped at its lower edge and pulled at its upper one."""
+
+    template: ClassVar = {
+        "title": '"Bias extension, 100 mm x 200 mm"',
+        "test": """
+            # or "centre-line": What the upper edge is: a clamp, or the middle of a whole specimen
+            upper = "grip"
+            extension = ["10 mm", "20 mm"]  # By which the upper edge is pulled, one value or a list
+            # load = "0.5 N"  # Force on the upper edge, one value or a list
+            model = "coupled"  # or "separate": One system, or the paper's three
+        """,
+    }
+
+    kind: Literal["bias-extension"] = "bias-extension"
+    upper: Literal["grip", "centre-line"] = Field(
+        default="grip",
+        description="What the upper edge is: a clamp, or the middle of a whole specimen.",
+    )
+    model: Literal["coupled", "separate"] = Field(
+        default="coupled",
+        description="One system, or the paper's three. Separate for small displacements only.",
+    )
+
+    @model_validator(mode="after")
+    def _small(self) -> BiasExtensionTable:
+        if self.finite and self.model == "separate":
+            raise ValueError(
+                'has model = "separate" and finite = true, but the separate systems are for small '
+                "displacements only"
+            )
+        return self
 
 
 class BiasExtension(Experiment):
@@ -38,6 +74,7 @@ class BiasExtension(Experiment):
         ``finite``, ``bending``, ``increments``, ``options``: see Experiment.
     """
 
+    table = BiasExtensionTable
     kind = "bias-extension"
     has_zones = True
 

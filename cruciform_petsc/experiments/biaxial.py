@@ -3,15 +3,60 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from ..errors import InputError
+from ..fields import Number, Of
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..units import Quantity, format_si
 from .experiment import Experiment, Grip
 from .result import TestResult
+from .table import TestTable
+
+
+def _leaves_cloth(strain: float) -> bool:
+    return -1.0 < strain < np.inf
+
+
+Strains = Annotated[
+    Quantity | list[Quantity], Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")
+]
+
+
+class BiaxialTable(TestTable):
+    """A rectangle stretched along both yarns."""
+
+    controls: ClassVar = {"strain": "1"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Biaxial tension, 2 : 1"',
+        "outline": '{ rectangle = ["100 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            strain = ["0.25 %", "0.5 %"]  # Of the warp, one value or a list
+            ratio = 0.5  # Weft strain over warp strain
+        """,
+    }
+
+    kind: Literal["biaxial"]
+    strain: Strains = Field(
+        description="Of the warp, one value or a list. More than -100 %.", examples=["1 %"]
+    )
+    ratio: Number = Field(default=1.0, description="Weft strain over warp strain.")
+
+    @model_validator(mode="after")
+    def _both_lengths_positive(self) -> BiaxialTable:
+        for strain in self.values_si:
+            if not _leaves_cloth(self.ratio * strain):
+                raise ValueError(
+                    "prescribes a weft strain (strain times ratio) of "
+                    f"{format_si(self.ratio * strain, '1')}, it must be finite and more than -100 %"
+                )
+        return self
 
 
 class Biaxial(Experiment):
@@ -28,6 +73,7 @@ class Biaxial(Experiment):
         See Experiment.
     """
 
+    table = BiaxialTable
     kind = "biaxial"
     control = "strain"
     unit = "1"

@@ -3,15 +3,45 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
 from .experiment import Experiment, Grip
 from .result import TestResult
+from .table import Forces, TestTable
+
+
+class CantileverTable(TestTable):
+    """A strip clamped at its lower edge, bent in its plane by a load across its upper one."""
+
+    controls: ClassVar = {"load": "N"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Cantilever, 25 mm x 100 mm"',
+        "use": '"e-glass-plain-2.4"',
+        "shear": '{ modulus = "0.001 N/cm" }',
+        "outline": '{ rectangle = ["25 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            load = ["0.2 mN", "0.5 mN"]  # Across the upper edge, one value or a list
+        """,
+    }
+
+    kind: Literal["cantilever"]
+    load: Forces = Field(
+        description="Across the upper edge, one value or a list.", examples=["1 mN"]
+    )
+
+    @model_validator(mode="after")
+    def _bends(self) -> CantileverTable:
+        if not self.bending:
+            raise ValueError('has kind = "cantilever", which needs bending = true')
+        return self
 
 
 class Cantilever(Experiment):
@@ -26,6 +56,7 @@ class Cantilever(Experiment):
         See Experiment.
     """
 
+    table = CantileverTable
     kind = "cantilever"
     control = "load"
     unit = "N"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from numbers import Integral
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ..solvers.linear import LinearSolver, SolverInfo
 from ..solvers.multigrid import yarn_multigrid
 from ..units import format_si, to_si
 from .result import State, TestResult
+from .table import TestTable
 
 if TYPE_CHECKING:
     from ..output.checkpoint import Checkpoint
@@ -79,7 +80,9 @@ class Experiment:
         PETSc options for the solver, without the prefix.
     """
 
+    table: ClassVar[type[TestTable]]  # of a case file
     kind = ""
+    model = "coupled"  # all modes of deformation in one system
     control = "extension"
     unit = "m"
     # What the curve's column of the control is called, and SI units in one of its.

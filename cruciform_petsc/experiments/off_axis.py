@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..errors import InputError
 from ..net.edges import Constraints
@@ -13,6 +14,27 @@ from ..net.network import Network
 from .bias_extension import BiasExtension
 from .experiment import PULL, Grip
 from .result import TestResult
+from .table import PullTable
+
+
+class OffAxisTable(PullTable):
+    """A strip pulled at some angle to its yarns; free ends may contract and shear."""
+
+    template: ClassVar = {
+        "title": '"Off-axis tension at 30 degrees"',
+        "bias_angle": '"30 deg"',
+        "test": """
+            extension = ["1 mm", "5 mm"]  # By which the upper edge is pulled, one value or a list
+            # load = "0.5 N"  # Force on the upper edge, one value or a list
+            # or "grip": Clamped, or free to contract and to slide across the pull
+            ends = "free"
+        """,
+    }
+
+    kind: Literal["off-axis-tension"]
+    ends: Literal["grip", "free"] = Field(
+        default="grip", description="Clamped, or free to contract and to slide across the pull."
+    )
 
 
 class OffAxisTension(BiasExtension):
@@ -30,6 +52,7 @@ class OffAxisTension(BiasExtension):
         See Experiment.
     """
 
+    table = OffAxisTable
     kind = "off-axis-tension"
 
     def __init__(

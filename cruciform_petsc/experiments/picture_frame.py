@@ -4,18 +4,53 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..errors import InputError
+from ..fields import Of
 from ..net.edges import Constraints
 from ..net.network import Network
+from ..units import Quantity
 from .experiment import Experiment, Grip
 from .result import TestResult
+from .table import TestTable
 
 SMALL = 1e-5  # rad
 EDGES = ("lower", "upper", "left", "right")
+
+
+def _can_close(angle: float) -> bool:
+    return abs(angle) < 0.5 * np.pi
+
+
+Angles = Annotated[
+    Quantity | list[Quantity],
+    Of("rad", many=True, good=_can_close, wanted="between -90 deg and 90 deg"),
+]
+
+
+class PictureFrameTable(TestTable):
+    """A rectangle sheared by a hinged frame."""
+
+    controls: ClassVar = {"angle": "rad"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Picture frame, 100 mm"',
+        "outline": '{ rectangle = ["100 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            angle = ["10 deg", "20 deg"]  # Shear angle of the frame, one value or a list
+        """,
+    }
+
+    kind: Literal["picture-frame"]
+    angle: Angles = Field(
+        description="Shear angle of the frame, one value or a list. Between -90 and 90 deg.",
+        examples=["20 deg"],
+    )
 
 
 class PictureFrame(Experiment):
@@ -34,6 +69,7 @@ class PictureFrame(Experiment):
         See Experiment.
     """
 
+    table = PictureFrameTable
     kind = "picture-frame"
     control = "angle"
     unit = "rad"

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: MIT
+"""[test] of a case file: what all kinds of test share. Each kind's own table is in its file."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field, model_validator
+
+from ..cloth.preform import Preform
+from ..fields import Count, Of, Table
+from ..units import Quantity
+
+Lengths = Annotated[Quantity | list[Quantity], Of("m", many=True)]
+Forces = Annotated[Quantity | list[Quantity], Of("N", many=True)]
+
+
+class TestTable(Table):
+    """[test]: what all kinds of experiments share.
+
+    Every kind prescribes one value or a list of them, of one of its `controls`. Further keys are
+    arguments of the kind's class, by the same names.
+
+    Attributes
+    ----------
+    controls : dict
+        SI unit of each.
+    along_the_yarns : bool
+        Whether it needs a rectangle whose sides the yarns follow.
+    template : dict
+        What ``cruciform-petsc new`` writes: the kind's own keys as ``test``, with comments, and
+        values, as TOML, of keys of case/template.toml in place of those there.
+    """
+
+    __test__: ClassVar[bool] = False  # not a test for pytest
+    controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}
+    along_the_yarns: ClassVar[bool] = False
+    template: ClassVar[dict[str, str]] = {}
+
+    kind: str = Field(description="Which experiment.")
+    finite: bool = Field(
+        default=False, description="Large displacements, rotations and shear angles."
+    )
+    bending: bool = Field(
+        default=True, description="Yarns bend in the plane; false: they are hinged."
+    )
+    increments: Count | None = Field(
+        default=None,
+        description="Least number of steps to the last value, with finite = true. "
+        "Steps are cut further where needed.",
+        examples=[20],
+    )
+
+    @model_validator(mode="after")
+    def _one_control(self) -> TestTable:
+        given = [key for key in self.controls if getattr(self, key) is not None]
+        if len(given) != 1:
+            got = "both" if given else "neither"
+            raise ValueError(f"needs exactly one of {' and '.join(self.controls)}, got {got}")
+        return self
+
+    @classmethod
+    def own_keys(cls) -> list[str]:
+        """Keys that only this kind has."""
+        return [key for key in cls.model_fields if key not in TestTable.model_fields]
+
+    @property
+    def control(self) -> str:
+        """Key of what is prescribed: "extension", "load", "angle" or "strain"."""
+        return next(key for key in self.controls if getattr(self, key) is not None)
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether a list was given, so that results are lists."""
+        return isinstance(getattr(self, self.control), list)
+
+    @property
+    def values_si(self) -> list[float]:
+        """Prescribed values, one or more [m, N, rad or 1]."""
+        value = getattr(self, self.control)
+        return [quantity.si for quantity in (value if self.is_curve else [value])]
+
+    def check_preform(self, preform: Preform) -> None:
+        """Raise InputError if the preform is none for such a test."""
+        if self.along_the_yarns:
+            preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+
+
+class PullTable(TestTable):
+    """Kinds whose upper edge is pulled by an extension or a load."""
+
+    extension: Lengths | None = Field(
+        default=None,
+        description="By which the upper edge is pulled, one value or a list. Either this or load.",
+        examples=["10 mm"],
+    )
+    load: Forces | None = Field(
+        default=None,
+        description="Force on the upper edge, one value or a list. Either this or extension.",
+        examples=["0.5 N"],
+    )
