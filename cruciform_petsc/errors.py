@@ -46,7 +46,7 @@ def shown(value: object, most: int = 80) -> str:
 def unknown(what: str, name: object, known: Iterable[str]) -> InputError:
     """There is no such thing; the closest of those that there are, and all of them."""
     known = list(known)
-    close = get_close_matches(str(name), known, 1, 0.4)
+    close = get_close_matches(str(name), known, 1, 0.5)
     hint = f'did you mean "{close[0]}"? ' if close else ""
     quoted = ", ".join(f'"{one}"' for one in known)
     return InputError(f"there is no {what} ({hint}known: {quoted})")

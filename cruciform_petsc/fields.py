@@ -43,6 +43,8 @@ class Of(_Read):
     good : callable, optional
         Whether a value may be; ``wanted`` tells which may.
     wanted : str
+    example : str
+        For the page of keys; by default the usual one of the unit.
     """
 
     unit: str
@@ -50,6 +52,7 @@ class Of(_Read):
     many: bool = False
     good: Callable[[float], bool] | None = None
     wanted: str = ""
+    example: str = ""
 
     def read(self, value: Any) -> Any:
         """Check one quantity, or a list of them if there may be `many`."""
@@ -89,6 +92,7 @@ class OneOf(_Read):
         return value if isinstance(value, Table) else self.pick(value).model_validate(value)
 
 
+Quantities = Quantity | list[Quantity]
 Length = Annotated[Quantity, Of("m")]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Point], Field(min_length=3)]
@@ -101,13 +105,24 @@ Pairs = Annotated[list[Pair], Field(min_length=1, strict=False)]
 Name = Annotated[str, Field(min_length=1)]
 
 
+def si_values(quantities: Quantities) -> list[float]:
+    """Values of one quantity or several."""
+    return [q.si for q in (quantities if isinstance(quantities, list) else [quantities])]
+
+
 class Table(BaseModel):
     """A table of a case file: known keys only, each of its very type."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, validate_default=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        validate_default=True,
+        use_attribute_docstrings=True,
+    )
 
     @classmethod
-    def read(cls, data: Any, key: str = "") -> Self:
+    def from_data(cls, data: Any, key: str = "") -> Self:
         """Check plain data as they stand in a case file.
 
         Parameters

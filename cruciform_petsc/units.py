@@ -83,8 +83,8 @@ class Quantity(str):
         Value in it.
     """
 
-    unit: str
-    si: float
+    unit: str = ""
+    si: float = math.nan
 
     @classmethod
     def read(cls, value: Any, unit: str, *, column: bool = False) -> Self:

@@ -22,7 +22,7 @@ from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.figures import control_text, net_kinematics
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
-from cruciform_petsc.run import check_case, make_experiment, run_case, warnings
+from cruciform_petsc.run import check_case, run_case, warnings
 
 LOG = logging.getLogger("test_run")
 SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}
@@ -252,7 +252,7 @@ def test_also_if_no_value_asked_for_was_reached(tmp_path):
 
 
 def warned(made):
-    experiment = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric()))
+    experiment = made.experiment(Network(MPI.COMM_SELF, made.preform(), made.fabric()))
     return warnings(experiment.solve())
 
 
@@ -350,8 +350,8 @@ def test_controls_for_people():
     for kind, text in texts.items():
         made = case(kind, **KINDS[kind])
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        assert control_text(make_experiment(made, network), 0.0125) == text
-    assert control_text(make_experiment(made, network), 3.0) == "load 3 N"
+        assert control_text(made.experiment(network), 0.0125) == text
+    assert control_text(made.experiment(network), 3.0) == "load 3 N"
 
 
 def test_kinematics_of_an_inextensible_net():
@@ -360,7 +360,7 @@ def test_kinematics_of_an_inextensible_net():
     def angle(extension, **changes):
         made = case(**({"size": ("2 cm", "6 cm"), "extension": "1 mm"} | changes))
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        return net_kinematics(make_experiment(made, network).solve(), np.array(extension))
+        return net_kinematics(made.experiment(network).solve(), np.array(extension))
 
     locked = 0.04 * (np.sqrt(2.0) - 1.0)
     np.testing.assert_allclose(angle([0.0, locked * (1 - 1e-12)]), [0.0, 90.0], atol=1e-4)
@@ -369,7 +369,7 @@ def test_kinematics_of_an_inextensible_net():
     np.testing.assert_allclose(angle([d]), [30.0])
     assert np.isnan(angle([0.02])[0])
     made = case(size=("2 cm", "6 cm"), extension="1 mm")
-    told = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric())).check()
+    told = made.experiment(Network(MPI.COMM_SELF, made.preform(), made.fabric())).check()
     assert "lie along the pull at an extension of 16.57 mm" in told[-1]
     for changes in ({"size": ("2 cm", "3.9 cm")}, {"bias": "40 deg"}, {"upper": "centre-line"}):
         assert angle([0.0], **changes) is None

@@ -93,6 +93,10 @@ def _petsc_options(value: Any) -> Any:
     return value
 
 
+def _positive(size: float) -> bool:
+    return size > 0.0
+
+
 class ContinuumTable(Table):
     """[continuum]: the membrane to compare with.
 
@@ -100,27 +104,17 @@ class ContinuumTable(Table):
     (`Case.second_gradient`).
     """
 
-    compare: bool = Field(
-        default=False, description="Solve a membrane in dolfinx, too, and compare."
-    )
-    second_gradient: bool | None = Field(
-        default=None,
-        description="Whether the membrane resists the bending of yarns. "
-        "The default: where the network does and test.finite = true.",
-        examples=[True],
-    )
-    mesh_size: Annotated[Quantity, Of("m", good=lambda a: a > 0.0, wanted="positive")] | None = (
-        Field(
-            default=None,
-            description="Of the membrane. The default is the program's choice.",
-            examples=["5 mm"],
-        )
-    )
-    ladder: Counts | None = Field(
-        default=None,
-        description="Compare finer and finer nets: values of refine.",
-        examples=[[1, 2, 4]],
-    )
+    compare: bool = False
+    """Solve a membrane in dolfinx, too, and compare."""
+    second_gradient: bool | None = None
+    """Whether the membrane resists the bending of yarns. The default: where the network does and
+    test.finite = true. Example: `true`"""
+    mesh_size: (
+        Annotated[Quantity, Of("m", example="5 mm", good=_positive, wanted="positive")] | None
+    ) = None
+    """Of the membrane. The default is the program's choice."""
+    ladder: Counts | None = None
+    """Compare finer and finer nets: values of refine. Example: `[1, 2, 4]`"""
 
     @property
     def mesh_size_si(self) -> float | None:
@@ -132,39 +126,30 @@ class SolverTable(Table):
     """[solver]: PETSc options, put under the solver's prefix."""
 
     options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = Field(
-        default={},
-        description="PETSc options of the network's solver. Without dash and prefix. Settings of "
-        "solvers only: nothing that could run code or write files.",
-        examples=[{"ksp_type": "cg", "ksp_rtol": 1e-9}],
+        default={}
     )
+    """PETSc options of the network's solver. Without dash and prefix. Settings of solvers only:
+    nothing that could run code or write files. Example: `{ ksp_type = "cg", ksp_rtol = 1e-09 }`"""
 
 
 class OutputTable(Table):
     """[output]: where results go, and which."""
 
-    directory: Name = Field(
-        default="results", description="Folder of the results, made if it is not there."
-    )
-    pictures: bool = Field(default=True, description="Figures of the result.")
-    scene: bool = Field(
-        default=False, description="scene.png, the woven yarns in space, drawn with PyVista."
-    )
-    paraview: bool = Field(default=True, description="network.vtkhdf for ParaView.")
-    exports: bool = Field(
-        default=False,
-        description="crossovers.csv and preform.inp for other codes (docs/exports.md).",
-    )
-    report: bool | None = Field(
-        default=None,
-        description="report.html, one page with everything; by default if pictures are on.",
-        examples=[True],
-    )
-    measured: Name | None = Field(
-        default=None,
-        description="CSV file of a measured displacement and force to compare the load with; in a "
-        "case file, relative to its folder.",
-        examples=["measured.csv"],
-    )
+    directory: Name = "results"
+    """Folder of the results, made if it is not there."""
+    pictures: bool = True
+    """Figures of the result."""
+    scene: bool = False
+    """scene.png, the woven yarns in space, drawn with PyVista."""
+    paraview: bool = True
+    """network.vtkhdf for ParaView."""
+    exports: bool = False
+    """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
+    report: bool | None = None
+    """report.html, one page with everything; by default if pictures are on. Example: `true`"""
+    measured: Name | None = None
+    """CSV file of a measured displacement and force to compare the load with; in a case file,
+    relative to its folder. Example: `"measured.csv"`"""
 
     @property
     def wants_report(self) -> bool:
@@ -179,15 +164,20 @@ class Case(Table):
     output``; the objects they describe come from `fabric` and `preform`.
     """
 
-    title: str = Field(default="untitled", description="What the case is; heads log and figures.")
-    fabric_table: FabricTable = Field(alias="fabric", description="The cloth.")
-    preform_table: PreformTable = Field(alias="preform", description="What was cut from it.")
-    test: Annotated[TestTable, OneOf(pick_table)] = Field(description="What is done to it.")
-    continuum: ContinuumTable = Field(
-        default=ContinuumTable(), description="The membrane beside it."
-    )
-    solver: SolverTable = Field(default=SolverTable(), description="Options of the solver.")
-    output: OutputTable = Field(default=OutputTable(), description="What is written, and where.")
+    title: str = "untitled"
+    """What the case is; heads log and figures."""
+    fabric_table: FabricTable = Field(alias="fabric")
+    """The cloth."""
+    preform_table: PreformTable = Field(alias="preform")
+    """What was cut from it."""
+    test: Annotated[TestTable, OneOf(pick_table)]
+    """What is done to it."""
+    continuum: ContinuumTable = ContinuumTable()
+    """The membrane beside it."""
+    solver: SolverTable = SolverTable()
+    """Options of the solver."""
+    output: OutputTable = OutputTable()
+    """What is written, and where."""
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -228,11 +218,6 @@ class Case(Table):
     ) -> Case:
         """Read on rank 0 only; every rank returns the same case or raises the same InputError."""
         return on_root(comm, lambda: cls.load(path, overrides))
-
-    @classmethod
-    def from_data(cls, data: dict[str, Any]) -> Case:
-        """Check plain data as it stands in a case file; InputError tells up to three problems."""
-        return cls.read(data)
 
     def fabric(self) -> Fabric:
         """Make the fabric."""

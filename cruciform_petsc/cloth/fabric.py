@@ -22,10 +22,10 @@ from importlib.resources import files
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
 from ..errors import InputError, unknown
-from ..fields import Number, Of, Pairs, Table
+from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
 from ..units import Quantity, format_si
@@ -185,7 +185,7 @@ class Fabric:
         key : str
             Where the table stands, for messages.
         """
-        return _LibraryTable.read(dict(table), key).build(name)
+        return _LibraryTable.from_data(dict(table), key).build(name)
 
     @classmethod
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
@@ -210,7 +210,7 @@ class Fabric:
         cruciform_petsc.errors.InputError: there is no fabric "e-glas-plain-2.4" in the library ...
         """
         _published(name)
-        return FabricTable.read({"use": name, **(changes or {})}, "fabric").build(name)
+        return FabricTable.from_data({"use": name, **(changes or {})}, "fabric").build(name)
 
     def with_shear_law(self, law: Potential) -> Fabric:
         """The same cloth with another law of shear; its modulus becomes the law's slope at rest."""
@@ -367,17 +367,15 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
 class TensionLawTable(Table):
     """[fabric] warp.tension and weft.tension: a law in place of the modulus."""
 
-    law: Literal["table"] = Field(description="Points, joined without bumps.")
-    strain: Annotated[Quantity, Of("1", column=True)] = Field(
-        description="Unit of the first column.", examples=["%"]
-    )
-    force: Annotated[Quantity, Of("N/m", column=True)] = Field(
-        description="Unit of the second column.", examples=["N/cm"]
-    )
-    points: Pairs = Field(
-        description="Strain and tension, rising; beyond the last point the last slope goes on.",
-        examples=[[[0.5, 5], [1, 30]]],
-    )
+    law: Literal["table"]
+    """Points, joined without bumps."""
+    strain: Annotated[Quantity, Of("1", column=True)]
+    """Unit of the first column."""
+    force: Annotated[Quantity, Of("N/m", column=True)]
+    """Unit of the second column."""
+    points: Pairs
+    """Strain and tension, rising; beyond the last point the last slope goes on.
+    Example: `[[0.5, 5], [1, 30]]`"""
 
     @model_validator(mode="after")
     def _can_be(self) -> TensionLawTable:
@@ -393,27 +391,17 @@ class YarnTable(Table):
     """[fabric] warp and weft."""
 
     # before modulus, whose check asks for it
-    tension: TensionLawTable | None = Field(
-        default=None, description="A law in place of the modulus; needs poisson = 0 (docs/laws.md)."
-    )
-    modulus: Annotated[Quantity, Of("N/m")] | None = Field(
-        default=None,
-        description="Tension per width over strain. Needed without tension.",
-        examples=["520 N/cm"],
-    )
-    poisson: float = Field(
-        description="Contraction of the other family when this one is pulled. "
-        "Reciprocity: poisson of the weft times modulus of the warp is the reverse.",
-        examples=[0.0],
-    )
-    yarns: Annotated[Quantity, Of("1/m")] = Field(
-        description="Yarns per length across them.", examples=["2.4 /cm"]
-    )
-    yarn_bending: Annotated[Quantity, Of("N*m**2")] = Field(
-        default="0 N mm^2",
-        description="In-plane flexural rigidity of one yarn. Above zero for test.bending = true.",
-        examples=["0.6 N mm^2"],
-    )
+    tension: TensionLawTable | None = None
+    """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
+    modulus: Annotated[Quantity, Of("N/m")] | None = None
+    """Tension per width over strain. Needed without tension."""
+    poisson: float
+    """Contraction of the other family when this one is pulled. Reciprocity: poisson of the weft
+    times modulus of the warp is the reverse. Example: `0.0`"""
+    yarns: Annotated[Quantity, Of("1/m")]
+    """Yarns per length across them."""
+    yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
+    """In-plane flexural rigidity of one yarn. Above zero for test.bending = true."""
 
     @field_validator("modulus")
     @classmethod
@@ -439,31 +427,19 @@ class YarnTable(Table):
 class ShearTable(Table):
     """[fabric] shear: a modulus, or a law with its own keys."""
 
-    modulus: Annotated[Quantity, Of("N/m")] | None = Field(
-        default=None, description="Of a linear law. Either this or law.", examples=["0.96 N/cm"]
-    )
-    law: Literal["table", "polynomial", "sin-potential"] | None = Field(
-        default=None, description="A law in place of the modulus (docs/laws.md)."
-    )
-    angle: Annotated[Quantity, Of("rad", column=True)] | None = Field(
-        default=None, description='Unit of the first column, with law = "table".', examples=["deg"]
-    )
-    force: Annotated[Quantity, Of("N/m", column=True)] | None = Field(
-        default=None,
-        description='Unit of the second column, with law = "table".',
-        examples=["N/mm"],
-    )
-    points: Pairs | None = Field(
-        default=None,
-        description='Shear angle and psi\', rising, with law = "table".',
-        examples=[[[10, 0.01], [40, 0.2]]],
-    )
-    coefficients: Annotated[Quantity | list[Quantity], Of("N/m", many=True)] | None = Field(
-        default=None,
-        description='Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial", '
-        'k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential".',
-        examples=[["0.1 N/mm", "0.3 N/mm"]],
-    )
+    modulus: Annotated[Quantity, Of("N/m", example="0.96 N/cm")] | None = None
+    """Of a linear law. Either this or law."""
+    law: Literal["table", "polynomial", "sin-potential"] | None = None
+    """A law in place of the modulus (docs/laws.md)."""
+    angle: Annotated[Quantity, Of("rad", column=True)] | None = None
+    """Unit of the first column, with law = "table"."""
+    force: Annotated[Quantity, Of("N/m", column=True)] | None = None
+    """Unit of the second column, with law = "table"."""
+    points: Pairs | None = None
+    """Shear angle and psi', rising, with law = "table". Example: `[[10, 0.01], [40, 0.2]]`"""
+    coefficients: Annotated[Quantities, Of("N/m", many=True)] | None = None
+    """Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial",
+    k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential"."""
 
     @model_validator(mode="after")
     def _can_be(self) -> ShearTable:
@@ -493,74 +469,43 @@ class ShearTable(Table):
             # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
             return _law_through(self.angle, self.force, self.points, "90 deg")
         assert self.coefficients is not None  # the check above has seen to it
-        several = isinstance(self.coefficients, list)
-        values = [k.si for k in (self.coefficients if several else [self.coefficients])]
+        values = si_values(self.coefficients)
         return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
 
 
 class TensionTable(Table):
     """[fabric] tension: which strain, and what becomes of yarns in compression."""
 
-    strain: Literal["engineering", "log"] = Field(
-        default="engineering", description="Stretch less 1, or its logarithm."
-    )
-    compression: Number = Field(
-        default=1.0,
-        description="Stiffness of yarns in compression over that in tension. Above 0, at most 1.",
-    )
-    compression_width: Number = Field(
-        default=1e-4,
-        description="Strain over which the stiffness falls. About buckling stress over modulus.",
-    )
-
-
-_OWN_YARNS = {
-    "modulus": "520 N/cm",
-    "poisson": 0.45,
-    "yarns": "2.4 /cm",
-    "yarn_bending": "0.6 N mm^2",
-}
+    strain: Literal["engineering", "log"] = "engineering"
+    """Stretch less 1, or its logarithm."""
+    compression: Number = 1.0
+    """Stiffness of yarns in compression over that in tension. Above 0, at most 1."""
+    compression_width: Number = 1e-4
+    """Strain over which the stiffness falls. About buckling stress over modulus."""
 
 
 class FabricTable(Table):
     """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
 
-    use: str | None = Field(
-        default=None,
-        description="A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.",
-        examples=["glass-pp-plain-1.93"],
-    )
-    warp: YarnTable | None = Field(
-        default=None, description="Values of one's own, in place of use.", examples=[_OWN_YARNS]
-    )
-    weft: YarnTable | None = Field(
-        default=None, description="Beside warp, alike.", examples=[_OWN_YARNS]
-    )
-    shear: ShearTable | None = Field(
-        default=None,
-        description="Beside warp and weft, or in place of the library's.",
-        examples=[{"modulus": "0.96 N/cm"}],
-    )
-    tension: TensionTable | None = Field(
-        default=None,
-        description="Which strain, and yarns in compression; in place of the library's.",
-        examples=[{"strain": "log", "compression": 0.01}],
-    )
-    areal_density: Annotated[Quantity, Of("kg/m**2")] | None = Field(
-        default=None,
-        description="Mass of the yarns per area. For exports (docs/exports.md).",
-        examples=["576 g/m^2"],
-    )
-    thickness: Annotated[Quantity, Of("m")] | None = Field(
-        default=None,
-        description="Of the cloth at rest. For exports and scene.png.",
-        examples=["0.5 mm"],
-    )
-    fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = Field(
-        default=None,
-        description="Of what the yarns consist of. For exports.",
-        examples=["2.5 g/cm^3"],
-    )
+    use: str | None = None
+    """A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.
+    Example: `"glass-pp-plain-1.93"`"""
+    warp: YarnTable | None = None
+    """Values of one's own, in place of use. Example:
+    `{ modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }`"""
+    weft: YarnTable | None = None
+    """Beside warp, alike."""
+    shear: ShearTable | None = None
+    """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
+    tension: TensionTable | None = None
+    """Which strain, and yarns in compression; in place of the library's.
+    Example: `{ strain = "log", compression = 0.01 }`"""
+    areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
+    """Mass of the yarns per area. For exports (docs/exports.md)."""
+    thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
+    """Of the cloth at rest. For exports and scene.png."""
+    fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
+    """Of what the yarns consist of. For exports."""
 
     @field_validator("use")
     @classmethod
@@ -626,7 +571,7 @@ class _LibraryTable(FabricTable):
 def _library() -> dict[str, _LibraryTable]:
     text = (files("cruciform_petsc.cloth") / "fabrics.toml").read_text(encoding="utf-8")
     entries = tomllib.loads(text).items()
-    return {name: _LibraryTable.read(entry, f'"{name}"') for name, entry in entries}
+    return {name: _LibraryTable.from_data(entry, f'"{name}"') for name, entry in entries}
 
 
 def _published(name: str) -> _LibraryTable:

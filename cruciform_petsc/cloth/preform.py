@@ -419,21 +419,15 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
 class OutlineTable(Table):
     """[preform] outline: a rectangle (width, length), or a polygon with holes."""
 
-    rectangle: Point | None = Field(
-        default=None,
-        description="Width and length. x from -width/2 to width/2, y from 0 to the length.",
-        examples=[["100 mm", "200 mm"]],
-    )
-    polygon: Ring | None = Field(
-        default=None,
-        description="Corners in order, in place of a rectangle. The body is pulled along y.",
-        examples=[[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]],
-    )
-    holes: list[Ring] = Field(
-        default=[],
-        description="Corners of each hole.",
-        examples=[[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]],
-    )
+    rectangle: Point | None = None
+    """Width and length. x from -width/2 to width/2, y from 0 to the length.
+    Example: `["100 mm", "200 mm"]`"""
+    polygon: Ring | None = None
+    """Corners in order, in place of a rectangle. The body is pulled along y.
+    Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
+    holes: list[Ring] = Field(default=[])
+    """Corners of each hole. Example:
+    `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
 
     @model_validator(mode="after")
     def _one_shape(self) -> OutlineTable:
@@ -445,24 +439,17 @@ class OutlineTable(Table):
 class PreformTable(Table):
     """[preform]: see `Preform`."""
 
-    outline: OutlineTable = Field(
-        description="A rectangle, or a polygon with holes.",
-        examples=[{"rectangle": ["100 mm", "200 mm"]}],
-    )
-    bias_angle: Annotated[Quantity, Of("rad")] = Field(
-        description="From the pull (y) to the warp.", examples=["45 deg"]
-    )
-    refine: Count = Field(
-        default=1, description="A finer net of the same fabric: pitch divided by this."
-    )
-    yarns_per_cruciform: Count = Field(
-        default=1, description="A coarser net: pitch times this. Not together with refine."
-    )
-    origin: Point | None = Field(
-        default=None,
-        description="A crossover's place. The default is the centre of the outline's bounding box.",
-        examples=[["0 mm", "100 mm"]],
-    )
+    outline: OutlineTable
+    """A rectangle, or a polygon with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+    bias_angle: Annotated[Quantity, Of("rad")]
+    """From the pull (y) to the warp."""
+    refine: Count = 1
+    """A finer net of the same fabric: pitch divided by this."""
+    yarns_per_cruciform: Count = 1
+    """A coarser net: pitch times this. Not together with refine."""
+    origin: Point | None = None
+    """A crossover's place. The default is the centre of the outline's bounding box.
+    Example: `["0 mm", "100 mm"]`"""
 
     def build(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the table's."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..elements.kinematics import net_reach
 from ..errors import InputError
@@ -17,7 +17,7 @@ from ..small.separate import solve_separately
 from ..units import format_si
 from .experiment import PULL, Experiment, Grip
 from .result import State, TestResult
-from .table import PullTable
+from .table import PullTable, TestTable
 
 
 class BiasExtensionTable(PullTable):
@@ -35,14 +35,10 @@ class BiasExtensionTable(PullTable):
     }
 
     kind: Literal["bias-extension"] = "bias-extension"
-    upper: Literal["grip", "centre-line"] = Field(
-        default="grip",
-        description="What the upper edge is: a clamp, or the middle of a whole specimen.",
-    )
-    model: Literal["coupled", "separate"] = Field(
-        default="coupled",
-        description="One system, or the paper's three. Separate for small displacements only.",
-    )
+    upper: Literal["grip", "centre-line"] = "grip"
+    """What the upper edge is: a clamp, or the middle of a whole specimen."""
+    model: Literal["coupled", "separate"] = "coupled"
+    """One system, or the paper's three. Separate for small displacements only."""
 
     @model_validator(mode="after")
     def _small(self) -> BiasExtensionTable:
@@ -74,7 +70,7 @@ class BiasExtension(Experiment):
         ``finite``, ``bending``, ``increments``, ``options``: see Experiment.
     """
 
-    table = BiasExtensionTable
+    table: ClassVar[type[TestTable]] = BiasExtensionTable
     kind = "bias-extension"
     has_zones = True
 

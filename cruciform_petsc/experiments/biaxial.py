@@ -6,13 +6,13 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..errors import InputError
-from ..fields import Number, Of
+from ..fields import Number, Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
-from ..units import Quantity, format_si
+from ..units import format_si
 from .experiment import Experiment, Grip
 from .result import TestResult
 from .table import TestTable
@@ -22,9 +22,7 @@ def _leaves_cloth(strain: float) -> bool:
     return -1.0 < strain < np.inf
 
 
-Strains = Annotated[
-    Quantity | list[Quantity], Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")
-]
+Strains = Annotated[Quantities, Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")]
 
 
 class BiaxialTable(TestTable):
@@ -43,10 +41,10 @@ class BiaxialTable(TestTable):
     }
 
     kind: Literal["biaxial"]
-    strain: Strains = Field(
-        description="Of the warp, one value or a list. More than -100 %.", examples=["1 %"]
-    )
-    ratio: Number = Field(default=1.0, description="Weft strain over warp strain.")
+    strain: Strains
+    """Of the warp, one value or a list. More than -100 %."""
+    ratio: Number = 1.0
+    """Weft strain over warp strain."""
 
     @model_validator(mode="after")
     def _both_lengths_positive(self) -> BiaxialTable:

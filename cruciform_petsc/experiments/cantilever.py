@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..errors import InputError
 from ..net.edges import Constraints
@@ -33,9 +33,8 @@ class CantileverTable(TestTable):
     }
 
     kind: Literal["cantilever"]
-    load: Forces = Field(
-        description="Across the upper edge, one value or a list.", examples=["1 mN"]
-    )
+    load: Forces
+    """Across the upper edge, one value or a list."""
 
     @model_validator(mode="after")
     def _bends(self) -> CantileverTable:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
 from ..errors import InputError
 from ..net.edges import Constraints
@@ -32,9 +31,8 @@ class OffAxisTable(PullTable):
     }
 
     kind: Literal["off-axis-tension"]
-    ends: Literal["grip", "free"] = Field(
-        default="grip", description="Clamped, or free to contract and to slide across the pull."
-    )
+    ends: Literal["grip", "free"] = "grip"
+    """Clamped, or free to contract and to slide across the pull."""
 
 
 class OffAxisTension(BiasExtension):

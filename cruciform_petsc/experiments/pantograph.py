@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Literal
 
-from pydantic import Field
-
 from ..net.network import Network
 from .bias_extension import BiasExtension
 from .table import Lengths, TestTable
@@ -26,9 +24,8 @@ class PantographTable(TestTable):
     }
 
     kind: Literal["pantograph"]
-    extension: Lengths = Field(
-        description="By which the upper edge is pulled, one value or a list.", examples=["10 mm"]
-    )
+    extension: Lengths
+    """By which the upper edge is pulled, one value or a list."""
 
 
 class Pantograph(BiasExtension):

@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
 
 from ..errors import InputError
-from ..fields import Of
+from ..fields import Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
-from ..units import Quantity
 from .experiment import Experiment, Grip
 from .result import TestResult
 from .table import TestTable
@@ -27,8 +25,8 @@ def _can_close(angle: float) -> bool:
 
 
 Angles = Annotated[
-    Quantity | list[Quantity],
-    Of("rad", many=True, good=_can_close, wanted="between -90 deg and 90 deg"),
+    Quantities,
+    Of("rad", many=True, example="20 deg", good=_can_close, wanted="between -90 deg and 90 deg"),
 ]
 
 
@@ -47,10 +45,8 @@ class PictureFrameTable(TestTable):
     }
 
     kind: Literal["picture-frame"]
-    angle: Angles = Field(
-        description="Shear angle of the frame, one value or a list. Between -90 and 90 deg.",
-        examples=["20 deg"],
-    )
+    angle: Angles
+    """Shear angle of the frame, one value or a list. Between -90 and 90 deg."""
 
 
 class PictureFrame(Experiment):

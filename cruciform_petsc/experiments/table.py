@@ -5,14 +5,13 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..cloth.preform import Preform
-from ..fields import Count, Of, Table
-from ..units import Quantity
+from ..fields import Count, Of, Quantities, Table, si_values
 
-Lengths = Annotated[Quantity | list[Quantity], Of("m", many=True)]
-Forces = Annotated[Quantity | list[Quantity], Of("N", many=True)]
+Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
 
 class TestTable(Table):
@@ -37,19 +36,15 @@ class TestTable(Table):
     along_the_yarns: ClassVar[bool] = False
     template: ClassVar[dict[str, str]] = {}
 
-    kind: str = Field(description="Which experiment.")
-    finite: bool = Field(
-        default=False, description="Large displacements, rotations and shear angles."
-    )
-    bending: bool = Field(
-        default=True, description="Yarns bend in the plane; false: they are hinged."
-    )
-    increments: Count | None = Field(
-        default=None,
-        description="Least number of steps to the last value, with finite = true. "
-        "Steps are cut further where needed.",
-        examples=[20],
-    )
+    kind: str
+    """Which experiment."""
+    finite: bool = False
+    """Large displacements, rotations and shear angles."""
+    bending: bool = True
+    """Yarns bend in the plane; false: they are hinged."""
+    increments: Count | None = None
+    """Least number of steps to the last value, with finite = true. Steps are cut further where
+    needed. Example: `20`"""
 
     @model_validator(mode="after")
     def _one_control(self) -> TestTable:
@@ -77,8 +72,7 @@ class TestTable(Table):
     @property
     def values_si(self) -> list[float]:
         """Prescribed values, one or more [m, N, rad or 1]."""
-        value = getattr(self, self.control)
-        return [quantity.si for quantity in (value if self.is_curve else [value])]
+        return si_values(getattr(self, self.control))
 
     def check_preform(self, preform: Preform) -> None:
         """Raise InputError if the preform is none for such a test."""
@@ -89,13 +83,7 @@ class TestTable(Table):
 class PullTable(TestTable):
     """Kinds whose upper edge is pulled by an extension or a load."""
 
-    extension: Lengths | None = Field(
-        default=None,
-        description="By which the upper edge is pulled, one value or a list. Either this or load.",
-        examples=["10 mm"],
-    )
-    load: Forces | None = Field(
-        default=None,
-        description="Force on the upper edge, one value or a list. Either this or extension.",
-        examples=["0.5 N"],
-    )
+    extension: Lengths | None = None
+    """By which the upper edge is pulled, one value or a list. Either this or load."""
+    load: Forces | None = None
+    """Force on the upper edge, one value or a list. Either this or extension."""

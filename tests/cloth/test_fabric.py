@@ -400,8 +400,8 @@ def without(mapping, key):
         ),
         (
             {"shear": {"law": "polynomial", "coefficients": ["1 N"]}},
-            'fabric.shear.coefficients (value 1) = "1 N" has the unit "N", which is not that of a force '
-            'per width like "520 N/cm"',
+            'fabric.shear.coefficients (value 1) = "1 N" has the unit "N", which is not that of a '
+            'force per width like "520 N/cm"',
         ),
         (
             {"shear": {"law": "sin-potential", "coefficients": ["-1 N/cm"]}},
