@@ -20,6 +20,7 @@ from pydantic import Field, PlainValidator
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, shown
+from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable
 from ..fields import Counts, Name, Of, OneOf, Table
@@ -29,7 +30,6 @@ from ..units import Quantity
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..experiments.experiment import Experiment
     from ..net.network import Network
 
 # What a case file may set of PETSc: parts of a solver, then a setting. Files come from elsewhere,
