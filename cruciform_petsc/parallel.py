@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""All messages between ranks: values on shared nodes, records by rank, what rank 0 does for all."""
+"""All messages between ranks: values on shared nodes, records by rank, what one rank does for all.
+
+Only here are arrays sent; elsewhere ranks at most agree on a few numbers (allreduce, allgather).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -12,6 +16,31 @@ from mpi4py import MPI
 from .errors import CruciformError
 
 T = TypeVar("T")
+_TAG = 20117  # of the messages of all halos: every rank posts them in the same order
+
+
+# -- what one rank finds out, all know ---------------------------------------------------------
+
+
+def on_all(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
+    """Call a function on every rank; returns this rank's result. Collective.
+
+    If it fails on any rank, the error of the lowest such rank is raised on all.
+    """
+    result: T | None = None
+    problem: Exception | None = None
+    try:
+        result = function()
+    except Exception as error:
+        problem = error
+    message = problem
+    if problem is not None and not isinstance(problem, CruciformError):
+        # Not every exception survives pickling; its text does.
+        message = RuntimeError(f"on rank {comm.rank}: {type(problem).__name__}: {problem}")
+    for rank, error_there in enumerate(comm.allgather(message)):
+        if error_there is not None:
+            raise problem if problem is not None and rank == comm.rank else error_there
+    return result  # type: ignore[return-value]
 
 
 def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
@@ -19,93 +48,219 @@ def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
 
     Collective. The result must be picklable.
     """
-    result: T | None = None
-    problem: Exception | None = None
-    if comm.rank == 0:
-        try:
-            result = function()
-        except Exception as error:
-            problem = error
-    told = problem
-    if problem is not None and not isinstance(problem, CruciformError):
-        # Not every exception survives pickling; its text does.
-        told = RuntimeError(f"on rank 0: {type(problem).__name__}: {problem}")
-    result, told = comm.bcast((result, told), root=0)
-    if told is not None:
-        raise told if problem is None else problem
-    return result  # type: ignore[return-value]
+    return comm.bcast(on_all(comm, lambda: function() if comm.rank == 0 else None))
 
 
-class GhostExchange:
-    """Sends values between the owned nodes of each rank and their ghosts on others. Collective.
+def least(comm: MPI.Intracomm, values, initial=np.inf):
+    """Smallest of a number, or of an array of any size, of each rank, and ``initial``. Collective.
 
-    Local arrays hold the owned nodes first, then the ghosts.
+    Whole numbers stay exact.
+    """
+    return min(*comm.allgather(np.min(values).item() if np.size(values) else initial), initial)
+
+
+def most(comm: MPI.Intracomm, values, initial=-np.inf):
+    """Largest of what least finds the smallest of. Collective."""
+    return max(*comm.allgather(np.max(values).item() if np.size(values) else initial), initial)
+
+
+# -- records -----------------------------------------------------------------------------------
+
+
+def send_by_rank(comm: MPI.Intracomm, rank: np.ndarray, *records: np.ndarray) -> list[np.ndarray]:
+    """Send row k of each array to rank[k]. Collective.
 
     Parameters
     ----------
     comm : mpi4py communicator
-    owned_key : int64 (n_owned,), ascending
-    ghost_key : int64 (n_ghost,)
+    rank : int (n,)
+    records : arrays (n, ...)
+        Of the same types and shapes (but for n) on every rank.
+
+    Returns
+    -------
+    list of arrays (m, ...)
+        The rows received, by sender, those of one sender in its order.
+    """
+    order = np.argsort(rank, kind="stable")
+    send = np.bincount(rank, minlength=comm.size)
+    receive = np.empty_like(send)
+    comm.Alltoall(send, receive)
+    received = []
+    for rows in records:
+        width = math.prod(rows.shape[1:])
+        incoming = np.empty((int(receive.sum()), *rows.shape[1:]), rows.dtype)
+        comm.Alltoallv(
+            [np.ascontiguousarray(rows[order]), send * width], [incoming, receive * width]
+        )
+        received.append(incoming)
+    return received
+
+
+def ask(
+    comm: MPI.Intracomm,
+    rank: np.ndarray,
+    questions: np.ndarray,
+    answer: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Have question k answered by rank[k]; returns the answers in the order asked. Collective.
+
+    ``answer`` makes an array (m, ...) of the questions (m, ...) that came to this rank.
+    """
+    asker, asked = send_by_rank(comm, rank, np.full(len(rank), comm.rank), questions)
+    (answers,) = send_by_rank(comm, asker, answer(asked))
+    result = np.empty_like(answers)
+    result[np.argsort(rank, kind="stable")] = answers
+    return result
+
+
+# -- values on shared nodes --------------------------------------------------------------------
+
+
+class Halo:
+    """Copies on this rank (*ghosts*) of values that other ranks own. Collective.
+
+    Local arrays (n_local, ...) hold the owned values first, then the ghosts. Only neighbours
+    exchange messages; nothing has to be freed.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    num_owned : int
     ghost_owner : int (n_ghost,)
         Rank that owns each ghost.
+    ghost_key : int64 (n_ghost, ...)
+        Names of the ghosts.
+    find : callable
+        Local indices of the owned values of some names, -1 where there is none.
+
+    Attributes
+    ----------
+    exported : int (n_out,)
+        Owned values that other ranks have copies of, one entry a copy, by rank.
     """
 
-    def __init__(self, comm: MPI.Intracomm, owned_key, ghost_key, ghost_owner):
-        self.comm = comm
-        self.num_owned = len(owned_key)
-        order = np.argsort(ghost_owner, kind="stable")
-        # A rank's ghosts are its incoming values, in the order in which it asks for them.
-        self._in_ghost = self.num_owned + order
-        self._in_count = np.bincount(ghost_owner, minlength=comm.size).astype(np.int32)
-        self._ghost_owner = np.asarray(ghost_owner)
-        self._out_count = self.counts(self._in_count)
-        asked = self.alltoall(ghost_key[order], self._in_count, self._out_count)
-        self._out_owned = np.searchsorted(owned_key, asked)
-        found = self._out_owned < len(owned_key)
-        found[found] = owned_key[self._out_owned[found]] == asked[found]
-        if not comm.allreduce(bool(found.all()), MPI.LAND):
-            raise AssertionError("two ranks disagree on who owns an arm end")
+    def __init__(
+        self,
+        comm: MPI.Intracomm,
+        num_owned: int,
+        ghost_owner: np.ndarray,
+        ghost_key: np.ndarray,
+        find: Callable[[np.ndarray], np.ndarray],
+    ):
+        self.comm, self.num_owned, self.ghost_owner = comm, num_owned, ghost_owner
+        rank, key = send_by_rank(comm, ghost_owner, np.full(len(ghost_owner), comm.rank), ghost_key)
+        self.exported = find(key)
+        if not comm.allreduce(bool((self.exported >= 0).all()), MPI.LAND):
+            raise AssertionError("two ranks disagree on who owns a value")
+        self._by_owner = np.argsort(ghost_owner, kind="stable")
+        self._owners = _runs(ghost_owner[self._by_owner])
+        self._holders = _runs(rank)
 
-    def route(self, ghost_node: np.ndarray, number_global: np.ndarray):
-        """Plan for sending one record for each entry of ``ghost_node`` (local ghost numbers).
-
-        Returns
-        -------
-        count : int32 (size,), records per receiving rank
-        order : int (n,), the records in sending order
-        number : int64 (n,), their nodes' global numbers in that order
-        """
-        owner = self._ghost_owner[ghost_node - self.num_owned]
-        order = np.argsort(owner, kind="stable")
-        count = np.bincount(owner, minlength=self.comm.size).astype(np.int32)
-        return count, order, number_global[order]
-
-    def counts(self, send_count: np.ndarray) -> np.ndarray:
-        """What each rank will send to this one. Collective."""
-        receive_count = np.empty_like(send_count)
-        self.comm.Alltoall(send_count, receive_count)
-        return receive_count
-
-    def alltoall(self, out: np.ndarray, send_count, receive_count) -> np.ndarray:
-        """Send records (n, ...) in rank order; returns those received. Collective."""
-        width = int(np.prod(out.shape[1:]))
-        incoming = np.empty((int(receive_count.sum()), *out.shape[1:]), out.dtype)
-        self.comm.Alltoallv(
-            [np.ascontiguousarray(out), send_count * width], [incoming, receive_count * width]
-        )
-        return incoming
+    @classmethod
+    def of_numbers(cls, comm: MPI.Intracomm, num_owned: int, ghost: np.ndarray) -> Halo:
+        """Halo of ghosts with global numbers, where each rank owns a range of these. Collective."""
+        ends = np.cumsum(comm.allgather(num_owned))
+        begin = ends[comm.rank] - num_owned
+        owner = np.searchsorted(ends, ghost, side="right")
+        return cls(comm, num_owned, owner, ghost, lambda number: number - begin)
 
     def forward(self, values: np.ndarray) -> np.ndarray:
-        """Copy owned values to the ghosts, in place; values (n_local, ...); returns values."""
-        out = values[self._out_owned]
-        values[self._in_ghost] = self.alltoall(out, self._out_count, self._in_count)
+        """Copy owned values to the ghosts, in place; returns values (n_local, ...)."""
+        values[self.num_owned :] = self.to_ghosts(values[self.exported])
         return values
 
     def reverse(self, values: np.ndarray, combine: np.ufunc = np.add) -> np.ndarray:
         """Combine what the ghosts hold with their owners' values, in place; returns values.
 
-        Ghosts keep what they had: call forward to give them the result.
+        Ghosts keep what they had.
         """
-        incoming = self.alltoall(values[self._in_ghost], self._in_count, self._out_count)
-        combine.at(values, self._out_owned, incoming)
+        out = values[self.num_owned + self._by_owner]
+        incoming = self._send(out, self._owners, self._holders, len(self.exported))
+        combine.at(values, self.exported, incoming)
         return values
+
+    def share(self, values: np.ndarray, combine: np.ufunc = np.add) -> np.ndarray:
+        """Give all ranks what they hold of each value together, in place; returns values."""
+        return self.forward(self.reverse(values, combine))
+
+    def to_ghosts(self, records: np.ndarray) -> np.ndarray:
+        """Send a record for each entry of ``exported``; returns the ghosts' (n_ghost, ...)."""
+        received = self._send(records, self._holders, self._owners, len(self._by_owner))
+        result = np.empty_like(received)
+        result[self._by_owner] = received
+        return result
+
+    def _send(self, records: np.ndarray, targets, sources, size: int) -> np.ndarray:
+        records = np.ascontiguousarray(records)
+        received = np.empty((size, *records.shape[1:]), records.dtype)
+        requests = [self.comm.Irecv(received[rows], rank, _TAG) for rank, rows in sources]
+        requests += [self.comm.Isend(records[rows], rank, _TAG) for rank, rows in targets]
+        MPI.Request.Waitall(requests)
+        return received
+
+
+def _runs(ranks: np.ndarray) -> list[tuple[int, slice]]:
+    """Each rank among ascending ones, and where it stands."""
+    rank, begin, count = np.unique(ranks, return_index=True, return_counts=True)
+    return [(int(r), slice(b, b + n)) for r, b, n in zip(rank, begin, count, strict=True)]
+
+
+def find_sorted(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Indices of some keys among ascending ones, -1 where there is none."""
+    if len(keys) == 0:
+        return np.full(np.shape(wanted), -1)
+    index = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[index] == wanted, index, -1)
+
+
+class DistributedNodes:
+    """Nodes with names, dealt out over the ranks. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    owned_key : int64 (n_owned,), ascending
+        Names of this rank's nodes, the same on any number of ranks.
+    ghost_key : int64 (m,)
+        Names of the nodes of other ranks that this one needs; they may repeat.
+    ghost_owner : int (m,)
+        Their owners.
+
+    Attributes
+    ----------
+    num_nodes_owned, num_nodes_local, num_nodes_global : int
+        This rank's nodes, these and its ghosts, those of all ranks.
+    node_key : int64 (n_local,)
+        Names: owned ones ascending, then the ghosts', ascending too.
+    node_offset : int
+    node_number_global : int64 (n_local,)
+        Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
+    ghost_owner : int32 (n_ghost,)
+    halo : Halo
+    """
+
+    def __init__(self, comm: MPI.Intracomm, owned_key, ghost_key, ghost_owner):
+        self.comm = comm
+        ghost_key, first = np.unique(ghost_key, return_index=True)
+        self.ghost_owner = np.asarray(ghost_owner, np.int32)[first]
+        self.node_key = np.concatenate([owned_key, ghost_key])
+        self.num_nodes_owned, self.num_nodes_local = len(owned_key), len(self.node_key)
+        self.node_offset = comm.exscan(self.num_nodes_owned) or 0
+        self.num_nodes_global = comm.allreduce(self.num_nodes_owned)
+        self.halo = Halo(
+            comm,
+            self.num_nodes_owned,
+            self.ghost_owner,
+            ghost_key,
+            lambda keys: find_sorted(owned_key, keys),
+        )
+        number = self.node_offset + np.arange(self.num_nodes_local, dtype=np.int64)
+        self.node_number_global = self.halo.forward(number)
+
+    def find(self, keys: np.ndarray) -> np.ndarray:
+        """Local numbers of the nodes with some names, int32; -1 for those not on this rank."""
+        owned = find_sorted(self.node_key[: self.num_nodes_owned], keys)
+        ghost = find_sorted(self.node_key[self.num_nodes_owned :], keys)
+        local = np.where(ghost >= 0, ghost + self.num_nodes_owned, owned)
+        return local.astype(np.int32)

@@ -305,7 +305,7 @@ class LoadCurve:
         pull = np.zeros_like(model.rest)
         velocity = self.experiment._velocity(self._grips, control)
         pull[model.nodes.of_network_node] = velocity @ rotation.T
-        return self._equilibrium.tangent_step(model.nodes.exchange.forward(pull))[0]
+        return self._equilibrium.tangent_step(model.nodes.halo.forward(pull))[0]
 
     def angles(self) -> np.ndarray:
         """Largest shear angle of a crossover in the states of the last `solve`, rad; (n,).

@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..errors import InputError
+from ..parallel import ask
 
 # A point belongs to every triangle that is as near as the nearest one, within this part of the
 # mesh's diagonal; a point farther off than the padding belongs to none.
@@ -60,11 +61,12 @@ def evaluate(
     tolerance = _SAME * diagonal
 
     rank, asked = _ranks_of_points(boxes, points, padding)
-    out_count = np.bincount(rank, minlength=comm.size)
-    in_points, in_count = _exchange(comm, points[asked], out_count)
-    answer = _evaluate_here(mesh, functions, in_points, padding, tolerance)
-    answer, _ = _exchange(comm, answer, in_count)
-
+    answer = ask(
+        comm,
+        rank,
+        points[asked],
+        lambda places: _evaluate_here(mesh, functions, places, padding, tolerance),
+    )
     # answer rows: distance, number of triangles, sum of values over them
     distance = np.full(len(points), np.inf)
     np.minimum.at(distance, asked, answer[:, 0])
@@ -93,24 +95,12 @@ def _rank_boxes(mesh: dolfinx.mesh.Mesh) -> tuple[np.ndarray, float]:
 def _ranks_of_points(
     boxes: np.ndarray, points: np.ndarray, padding: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ranks to ask, ascending, and the index of the point asked for."""
+    """Ranks to ask, and the index of the point asked for."""
     asked = [
         np.flatnonzero(((points >= low - padding) & (points <= high + padding)).all(axis=1))
         for low, high in boxes
     ]
     return np.repeat(np.arange(len(boxes)), [len(a) for a in asked]), np.concatenate(asked)
-
-
-def _exchange(
-    comm: MPI.Intracomm, rows: np.ndarray, out_count: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Send rows (n, width), sorted by rank; returns those received, by rank, and their numbers."""
-    width = rows.shape[1]
-    in_count = np.empty_like(out_count)
-    comm.Alltoall(out_count, in_count)
-    received = np.empty((in_count.sum(), width))
-    comm.Alltoallv([np.ascontiguousarray(rows), out_count * width], [received, in_count * width])
-    return received, in_count
 
 
 def _evaluate_here(

@@ -106,26 +106,26 @@ class FiniteNetwork:
         self.rest = np.zeros((nodes.num_nodes_local, 2))
         self.rest[nodes.of_network_node] = (network.node_position - origin) @ rotation.T
         self.rest[nodes.of_hinge] = (network.crossover_position - origin) @ rotation.T
-        nodes.exchange.forward(self.rest)
+        nodes.halo.forward(self.rest)
 
         active = np.zeros(nodes.num_nodes_local, bool)
         active[nodes.of_hinge[self.supports.carrying]] = True
         active[nodes.of_network_node] |= self.supports.active[:, :2].any(axis=1)
-        nodes.exchange.reverse(active, np.logical_or)
-        self.active = nodes.exchange.forward(active)
+        nodes.halo.reverse(active, np.logical_or)
+        self.active = nodes.halo.forward(active)
         self.fixed = np.zeros((nodes.num_nodes_local, 2), bool)
         self.fixed[nodes.of_network_node] = constraints.fixed[:, :2]
-        nodes.exchange.forward(self.fixed)
+        nodes.halo.forward(self.fixed)
         self.free = self.active[:, None] & ~self.fixed
         self.frame = np.tile(np.eye(2), (nodes.num_nodes_local, 1, 1))
         self.frame[nodes.of_network_node] = constraints.frame
-        nodes.exchange.forward(self.frame)
+        nodes.halo.forward(self.frame)
         self._turned = np.flatnonzero((self.frame != np.eye(2)).any(axis=(1, 2)))
         self.load = np.zeros((nodes.num_nodes_local, 2))
         self.load[nodes.of_network_node] = np.einsum(
             "nij,nj->ni", constraints.frame, pass_on_loads(constraints, self.supports)
         )
-        nodes.exchange.forward(self.load)
+        nodes.halo.forward(self.load)
         self.load[~self.active] = 0.0
 
     def _make_cruciforms(self) -> None:
@@ -216,7 +216,7 @@ class FiniteNetwork:
             after = nodes.after_hinge[:, family]
             carries = np.zeros(nodes.num_nodes_local, bool)
             carries[nodes.of_hinge[carrying]] = True
-            nodes.exchange.forward(carries)
+            nodes.halo.forward(carries)
             rows = np.flatnonzero(carrying & (after >= 0) & carries[after])
             crossover = np.full(nodes.num_nodes_local, -1)
             crossover[nodes.of_hinge] = np.arange(len(node))
@@ -259,7 +259,7 @@ class FiniteNetwork:
             gap[~self.fixed[nodes]] = 0.0
             x[nodes] += np.einsum("nji,nj->ni", self.frame[nodes], gap)
             self._clamp_gradient[network_nodes] = rotation @ gradient @ rotation.T
-        self.nodes.exchange.forward(x)
+        self.nodes.halo.forward(x)
         crossing = self.cruciforms.held_node
         rows = self.cruciforms.held_rows
         directions = self.network.arm_directions
@@ -308,7 +308,7 @@ class FiniteNetwork:
         for kind, part, (energy, forces, _) in self._chunks(x, FORCE):
             total[2 * kind : 2 * kind + 2 - kind] += energy.sum(axis=0)
             _add_forces(force, self._connectivity[kind][part], forces)
-        force = self.nodes.exchange.forward(self.nodes.exchange.reverse(force))
+        force = self.nodes.halo.share(force)
         force[self._turned] = np.einsum("nij,nj->ni", self.frame[self._turned], force[self._turned])
         return force, self.comm.allreduce(total)
 
@@ -388,7 +388,7 @@ class FiniteNetwork:
         """
         product = np.zeros_like(values)
         _multiply(blocks, self._block_row, self._block_column, values, product)
-        return self.nodes.exchange.forward(self.nodes.exchange.reverse(product))
+        return self.nodes.halo.share(product)
 
     # -- vectors --------------------------------------------------------------------------------
 
@@ -410,7 +410,7 @@ class FiniteNetwork:
         owned = self.nodes.num_nodes_owned
         values[:owned] = vector.getArray(readonly=True).reshape(-1, 2)
         values[~self.free] = 0.0
-        return self.nodes.exchange.forward(values)
+        return self.nodes.halo.forward(values)
 
     # -- results --------------------------------------------------------------------------------
 
@@ -442,7 +442,7 @@ class FiniteNetwork:
                 np.add.at(turn[:, 0], ends[rows, arm], t @ t0)
                 np.add.at(turn[:, 1], ends[rows, arm], t0[0] * t[:, 1] - t0[1] * t[:, 0])
                 np.add.at(turn[:, 2], ends[rows, arm], 1.0)
-            nodes.exchange.forward(nodes.exchange.reverse(turn))
+            nodes.halo.share(turn)
             told = np.zeros((nodes.num_nodes_local, 3))
             for e in np.flatnonzero(supports.round_ == number):  # a handful, at sharp corners
                 joints = ends[e][known[ends[e]]]
@@ -455,11 +455,11 @@ class FiniteNetwork:
                 x[others] = x[joint] + (self.rest[others] - self.rest[joint]) @ rigid.T
                 told[others, :2], told[others, 2] = x[others], 1.0
             done |= supports.round_ == number
-            nodes.exchange.forward(nodes.exchange.reverse(told))
+            nodes.halo.share(told)
             new = told[:, 2] > 0
             x[new] = told[new, :2] / told[new, 2:]
             known = known | new
-        return nodes.exchange.forward(x)
+        return nodes.halo.forward(x)
 
     def most_sheared(self, x: np.ndarray) -> np.ndarray | None:
         """Place at rest (x, y) of a crossover whose warp and weft passed each other. Collective.
@@ -567,7 +567,7 @@ class FiniteNetwork:
                 # The second crossover of a joint may be another rank's: its hinge is a ghost here.
                 hinge = np.where(of >= 0, self.nodes.of_hinge[of], self.turns.nodes[part][:, 2])
                 np.add.at(bending, hinge, 0.5 * values[:, 0])
-        energy["bending"] += self.nodes.exchange.reverse(bending)[self.nodes.of_hinge]
+        energy["bending"] += self.nodes.halo.reverse(bending)[self.nodes.of_hinge]
 
         def spread(values: np.ndarray) -> np.ndarray:
             wide = np.zeros((n, *values.shape[1:]))

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 from ..errors import SolverError
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Unknowns, hierarchy
-from ..solvers.yarns import YarnLines
+from ..solvers.yarns import OnYarns
 from .finite import FiniteNetwork
 
 ASIDE = 2e-4  # pitches
@@ -56,7 +56,7 @@ def unknowns_of(model: FiniteNetwork) -> Unknowns:
         np.repeat(point, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
-        YarnLines(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
+        OnYarns(np.repeat(line, 2, axis=0), np.repeat(lattice, 2, axis=0), np.repeat(~hinge, 2)),
     )
 
 

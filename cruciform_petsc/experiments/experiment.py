@@ -461,7 +461,7 @@ class Experiment:
         velocity = self._velocity(grips, control)
         change = np.zeros_like(equilibrium.x)
         change[at] = velocity @ network.preform.rotation.T
-        moved, force = equilibrium.tangent_step(model.nodes.exchange.forward(change))
+        moved, force = equilibrium.tangent_step(model.nodes.halo.forward(change))
         mine = slice(0, network.num_nodes_owned)
         work = (force[at] @ network.preform.rotation)[mine] * velocity[mine]
         return network.comm.allreduce(float(work.sum())), moved

@@ -68,7 +68,7 @@ class Constraints:
         distance = _distance_to_segments(network.node_position[candidates], segments)
         on = np.zeros(network.num_nodes_local, bool)
         on[candidates[distance <= self._tolerance]] = True
-        network.exchange.forward(on)
+        network.halo.forward(on)
         found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
         if found == 0:
             raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
@@ -101,7 +101,7 @@ class Constraints:
             leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
             distance = _distance_to_segments(self.network.node_position[nodes], segment[None])
             self.held_arm[nodes[distance <= self._tolerance]] |= leaves
-        self.network.exchange.forward(self.held_arm)
+        self.network.halo.forward(self.held_arm)
 
     def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
         """Move an edge along a direction (x, y) by metres, free across it. Collective.
@@ -195,7 +195,7 @@ class Constraints:
                 before = sum(map(len, places[f][: network.comm.rank]))
                 mine_lumped = lumped[f][before : before + len(ends[f])]
                 self.force[ends[f]] += mine_lumped[:, None] * (network.preform.rotation @ traction)
-        network.exchange.forward(self.force)
+        network.halo.forward(self.force)
 
 
 def _chains(segments: np.ndarray) -> list[np.ndarray]:

@@ -19,7 +19,7 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError
 from ..memory import check_memory
-from ..parallel import GhostExchange
+from ..parallel import DistributedNodes
 from .keys import BETWEEN, HINGE, TAIL_AFTER, TAIL_BEFORE, pack_key
 from .lattice import (
     ARM_STEP,
@@ -39,7 +39,7 @@ _BYTES, _OUTLINE_BYTES = 330.0, 1000.0
 _FARTHEST = 2**29 - 4
 
 
-class Network:
+class Network(DistributedNodes):
     """Net of crossovers and arm ends of a fabric inside an outline, dealt out over the ranks.
 
     Collective. Raises InputError on every rank if the outline holds no crossover.
@@ -68,12 +68,6 @@ class Network:
         Whether the arm end joins two crossovers.
     boundary_crossovers : int32
         Owned crossovers that differ from the regular cruciform (cut arms or quadrants).
-    node_key : int64 (n_local,)
-        Rank-independent name of each node; owned ones ascending (by yarn), then ghosts.
-    node_number_global : int64 (n_local,)
-        Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
-    ghost_owner : int32 (n_ghost,)
-        Ranks that own the ghosts.
     node_position : float (n_local, 2)
     node_is_boundary : bool (n_local,)
         Ends on the outline, or lies close to it.
@@ -233,43 +227,24 @@ class Network:
             ask = self.arm_is_shared[:, arm] & ~self.partition.in_box(behind, self.comm.rank)
             foreign[ask, arm] = True
             owner[ask, arm] = self.partition.owner(behind[ask])
-        owned_key = np.unique(keys[~foreign])
-        ghost_key, first = np.unique(keys[foreign], return_index=True)
-        self.ghost_owner = ghost_owner = owner[foreign][first]
-        self.node_key = np.concatenate([owned_key, ghost_key])
-        self.num_nodes_owned = len(owned_key)
-        self.arm_node = np.empty(keys.shape, np.int32)
-        self.arm_node[~foreign] = np.searchsorted(owned_key, keys[~foreign])
-        self.arm_node[foreign] = np.searchsorted(ghost_key, keys[foreign]) + len(owned_key)
-
-        self.node_offset = self.comm.exscan(self.num_nodes_owned) or 0
-        self.num_nodes_global = self.comm.allreduce(self.num_nodes_owned)
-        self.exchange = GhostExchange(self.comm, owned_key, ghost_key, ghost_owner)
-        number = np.zeros(len(self.node_key), np.int64)
-        number[: len(owned_key)] = self.node_offset + np.arange(len(owned_key))
-        self.node_number_global = self.exchange.forward(number)
-
-        self.node_position = np.empty((len(self.node_key), 2))
-        self.node_is_boundary = np.zeros(len(self.node_key), bool)
+        owned = np.unique(keys[~foreign])
+        super().__init__(self.comm, owned, keys[foreign], owner[foreign])
+        self.arm_node = self.find(keys)
+        self.node_position = np.empty((self.num_nodes_local, 2))
+        self.node_is_boundary = np.zeros(self.num_nodes_local, bool)
         direction = ARM_STEP @ self.preform.rotation
         for arm in range(4):
             self.node_position[self.arm_node[:, arm]] = (
                 self.crossover_position + self.arm_length[:, arm, None] * direction[arm]
             )
             self.node_is_boundary[self.arm_node[self.boundary_crossovers, arm]] = True
-        self.node_position = self.exchange.forward(self.node_position)
-        self.exchange.reverse(self.node_is_boundary, np.logical_or)
-        self.exchange.forward(self.node_is_boundary)
+        self.halo.forward(self.node_position)
+        self.halo.share(self.node_is_boundary, np.logical_or)
 
     @property
     def num_crossovers_owned(self) -> int:
         """Crossovers of this rank."""
         return len(self.crossover_ij)
-
-    @property
-    def num_nodes_local(self) -> int:
-        """Nodes of this rank and its ghosts."""
-        return len(self.node_key)
 
     @property
     def node_family(self) -> np.ndarray:

@@ -105,8 +105,8 @@ def find_supports(constraints: Constraints) -> Supports:
         active[network.node_is_hinge, 2] = False
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
-    network.exchange.reverse(active, np.logical_or)
-    network.exchange.forward(active)
+    network.halo.reverse(active, np.logical_or)
+    network.halo.forward(active)
     return Supports(carrying, round_, source, rotation_source, area, slaved, active)
 
 
@@ -120,7 +120,7 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
     for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
         onward = np.zeros(network.num_nodes_local, bool)
         onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
-        network.exchange.forward(network.exchange.reverse(onward, np.logical_or))
+        network.halo.share(onward, np.logical_or)
         change = np.zeros_like(force)
         for e in np.flatnonzero(round_ == number):  # a handful, at sharp corners
             nodes = np.unique(network.arm_node[e])
@@ -128,7 +128,7 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
             if len(joint):
                 change[joint[0]] += force[loose].sum(axis=0)
                 change[loose] -= force[loose]
-        force += network.exchange.forward(network.exchange.reverse(change))
+        force += network.halo.share(change)
     return force
 
 
@@ -145,8 +145,8 @@ def _leave_out_hanging(constraints: Constraints):
     while True:
         users = np.zeros(network.num_nodes_local, np.int32)
         np.add.at(users, network.arm_node[carrying].ravel(), 1)
-        network.exchange.reverse(users)
-        network.exchange.forward(users)
+        network.halo.reverse(users)
+        network.halo.forward(users)
         joined = network.arm_is_shared & (users[network.arm_node] > 1)
         joined |= fixed[network.arm_node] & ~missing
         hanging = tip if bending else tip | (~on_clamp & (joined.sum(axis=1) <= 1))
@@ -180,15 +180,15 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         smallest = np.full(num, np.iinfo(np.int64).max)
         np.minimum.at(smallest, piece[m:], label)
         label = smallest[piece[m:]]
-        network.exchange.forward(network.exchange.reverse(label, np.minimum))
+        network.halo.share(label, np.minimum)
         if not network.comm.allreduce(int((label != before).any())):
             break
     users = np.zeros(n, np.int32)
     np.add.at(users, nodes.ravel(), 1)
     joint = np.zeros(n, bool)
     joint[nodes[network.arm_is_shared[carrying]]] = True
-    network.exchange.reverse(users)
-    network.exchange.reverse(joint, np.logical_or)
+    network.halo.reverse(users)
+    network.halo.reverse(joint, np.logical_or)
     of_crossover = label[nodes[:, 0]]
     owned = np.flatnonzero(users[: network.num_nodes_owned])
     labels = np.unique(np.concatenate([label[owned], of_crossover]))

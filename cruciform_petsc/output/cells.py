@@ -9,7 +9,7 @@ import numpy as np
 
 from ..net.lattice import ARM_STEP
 from ..net.network import Network
-from ..parallel import GhostExchange
+from ..parallel import ask
 
 CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 # The piece of yarn from corner k to the next: the crossover it starts from, and its family.
@@ -127,21 +127,13 @@ def _of_crossovers(
     float (n, m, k)
     """
     own = network.crossover_number_global
-    own_count = len(own)
     there = number >= 0
-    wanted, first = np.unique(number[there], return_index=True)
-    away = np.isin(wanted, own, invert=True)
-    owner = network.partition.owner(lattice[there][first[away]])
-    exchange = GhostExchange(network.comm, own, wanted[away], owner)
-    local = np.zeros((own_count + int(away.sum()) + 1, values.shape[1]))
-    local[:own_count] = values
-    exchange.forward(local[:-1])
-    at = np.empty(len(wanted), np.int64)
-    at[~away] = np.searchsorted(own, wanted[~away])
-    at[away] = own_count + np.arange(away.sum())
-    index = np.full(number.shape, len(local) - 1)
-    index[there] = at[np.searchsorted(wanted, number[there])]
-    return local[index]
+    wanted, first, inverse = np.unique(number[there], return_index=True, return_inverse=True)
+    owner = network.partition.owner(lattice[there][first])
+    found = ask(network.comm, owner, wanted, lambda asked: values[np.searchsorted(own, asked)])
+    result = np.zeros((*number.shape, values.shape[1]))
+    result[there] = found[inverse]
+    return result
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

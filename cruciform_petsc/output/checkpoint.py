@@ -39,7 +39,7 @@ import numpy as np
 from .. import __version__
 from ..case.schema import Case
 from ..errors import InputError
-from ..parallel import on_root
+from ..parallel import on_root, send_by_rank
 from .folder import lock_directory, prepare_directory, unlock_directory
 
 if TYPE_CHECKING:
@@ -288,11 +288,7 @@ class Checkpoint:
 
         keys, positions = _on_all(comm, rows, problem)
         owner = model.network.partition.owner(crossover_of(keys))
-        order = np.argsort(owner, kind="stable")
-        send = np.bincount(owner, minlength=comm.size).astype(np.int32)
-        receive = nodes.exchange.counts(send)
-        keys = nodes.exchange.alltoall(keys[order], send, receive)
-        positions = nodes.exchange.alltoall(positions[order], send, receive)
+        keys, positions = send_by_rank(comm, owner, keys, positions)
         own = nodes.node_key[: nodes.num_nodes_owned]
         order = np.argsort(keys)
         if not comm.allreduce(int(np.array_equal(keys[order], own))) == comm.size:
@@ -301,7 +297,7 @@ class Checkpoint:
             raise InputError(f'"{path}" holds positions that are not numbers; {ANEW}')
         local = np.zeros((count, nodes.num_nodes_local, 2))
         local[:, : len(own)] = positions[order].swapaxes(0, 1)
-        return [nodes.exchange.forward(x) for x in local]
+        return [nodes.halo.forward(x) for x in local]
 
     # -- writing ----------------------------------------------------------------------------------
 

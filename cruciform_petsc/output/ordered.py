@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..parallel import on_root
+from ..parallel import on_root, send_by_rank
 from .tables import finish_file, start_file
 
 
@@ -39,17 +39,9 @@ def in_order(
     """
     first = np.arange(1, comm.size + 1) * total // comm.size
     rank = np.searchsorted(first, number, side="right")
-    order = np.argsort(rank, kind="stable")
-    send = np.bincount(rank, minlength=comm.size).astype(np.int32)
-    receive = np.empty_like(send)
-    comm.Alltoall(send, receive)
-    sent = np.ascontiguousarray(rows[order], float)
-    got = np.empty((int(receive.sum()), rows.shape[1]))
-    got_number = np.empty(len(got), np.int64)
-    comm.Alltoallv([np.ascontiguousarray(number[order], np.int64), send], [got_number, receive])
-    comm.Alltoallv([sent, send * rows.shape[1]], [got, receive * rows.shape[1]])
-    order = np.argsort(got_number)
-    return got_number[order], got[order]
+    number, rows = send_by_rank(comm, rank, np.asarray(number, np.int64), np.asarray(rows, float))
+    order = np.argsort(number)
+    return number[order], rows[order]
 
 
 def lines(template: str, *columns: np.ndarray) -> bytes:

@@ -251,7 +251,7 @@ def node_means(network: Network, values: np.ndarray) -> np.ndarray:
     for node in network.arm_node[good].T:
         total[:, 0] += np.bincount(node, weights=values[good], minlength=len(total))
         total[:, 1] += np.bincount(node, minlength=len(total))
-    network.exchange.forward(network.exchange.reverse(total))
+    network.halo.share(total)
     mean = np.full(len(total), np.nan)
     return np.divide(total[:, 0], total[:, 1], out=mean, where=total[:, 1] > 0)
 

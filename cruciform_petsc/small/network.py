@@ -247,7 +247,7 @@ class LinearNetwork:
         values[: self.network.num_nodes_owned] = vector.getArray(readonly=True).reshape(-1, d)
         values[~self.supports.active] = 0.0
         values[self.constraints.fixed] = self.constraints.value[self.constraints.fixed]
-        return self.network.exchange.forward(values)
+        return self.network.halo.forward(values)
 
     def element_forces(self, local: np.ndarray, *modes: str) -> np.ndarray:
         """Forces K u of the elements on the nodes, complete on owned nodes; (n_local, d).
@@ -264,8 +264,8 @@ class LinearNetwork:
             places = self._element_values(group, np.arange(local.size).reshape(shape))
             force += np.bincount(places.ravel(), weights=f.ravel(), minlength=local.size)
         force = force.reshape(shape)
-        self.network.exchange.reverse(force)
-        return self.network.exchange.forward(force)
+        self.network.halo.reverse(force)
+        return self.network.halo.forward(force)
 
     def loads(self, *modes: str) -> np.ndarray:
         """Loads on the node unknowns, (n_local, d); those on tails passed on to their yarns."""
@@ -282,8 +282,8 @@ class LinearNetwork:
         passed += np.einsum("eji,ej->ei", recovery, group.tail_load[:, keep:])
         places = self._element_values(group, np.arange(loads.size).reshape(loads.shape))
         extra = np.bincount(places.ravel(), weights=passed.ravel(), minlength=loads.size)
-        extra = self.network.exchange.reverse(extra.reshape(loads.shape))
-        loads += self.network.exchange.forward(extra)
+        extra = self.network.halo.reverse(extra.reshape(loads.shape))
+        loads += self.network.halo.forward(extra)
         loads[~self.supports.active] = 0.0
         return loads
 
@@ -318,7 +318,7 @@ class LinearNetwork:
             node = network.arm_node[:, k]
             across = network.arm_directions[(k + 1) % 4]
             squares[node] = (turn * network.arm_length[:, k])[:, None] * across
-        squares = network.exchange.forward(squares)
+        squares = network.halo.forward(squares)
         squares = np.einsum("nij,nj->ni", self.constraints.frame, squares)
         motions = np.concatenate([self.rigid_motions(), squares[:, :, None]], axis=2)
         return motions * self.free[:, :, None]
@@ -414,7 +414,7 @@ class LinearNetwork:
             """Give what has been found for some nodes to the other ranks that have them."""
             found = np.zeros((network.num_nodes_local, 3))
             found[nodes, :2], found[nodes, 2] = yarn[nodes], 1.0
-            network.exchange.forward(network.exchange.reverse(found))
+            network.halo.share(found)
             told = found[:, 2] > 0
             yarn[told] = found[told, :2] / found[told, 2:]
 
@@ -436,7 +436,7 @@ class LinearNetwork:
             for k in range(4):
                 np.add.at(turn[:, 0], network.arm_node[done, k], rotation[done, k])
                 np.add.at(turn[:, 1], network.arm_node[done, k], 1.0)
-            network.exchange.forward(network.exchange.reverse(turn))
+            network.halo.share(turn)
             new = np.zeros(network.num_nodes_local, bool)
             for e in np.flatnonzero(supports.round_ == number):  # a handful, at sharp corners
                 nodes, length = network.arm_node[e], network.arm_length[e]
@@ -452,9 +452,9 @@ class LinearNetwork:
                 new[nodes[others]] = True
             done |= supports.round_ == number
             tell(np.flatnonzero(new))
-            network.exchange.forward(network.exchange.reverse(new, np.logical_or))
+            network.halo.share(new, np.logical_or)
             known |= new
-        return network.exchange.forward(yarn)
+        return network.halo.forward(yarn)
 
 
 def _quadratic(matrix: np.ndarray, u: np.ndarray) -> np.ndarray:

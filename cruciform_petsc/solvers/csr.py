@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Arrays of a distributed AIJ matrix in NumPy, and exchange of values with neighbours."""
+"""Arrays of a distributed AIJ matrix in NumPy."""
 
 from __future__ import annotations
 
@@ -171,72 +171,3 @@ def _view(address: int | None, size: int, dtype: np.dtype) -> np.ndarray:
         return np.zeros(0, dtype)
     buffer: Any = (ctypes.c_char * (size * dtype.itemsize)).from_address(address)
     return np.frombuffer(buffer, dtype)
-
-
-class Halo:
-    """Exchange of values at ghosts with the ranks that own them. Collective.
-
-    Arrays hold this rank's own values first, then the ghosts'.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    num_owned : int
-    ghost : int64 (n_ghost,), ascending
-        Global numbers; each rank owns a range of them, in rank order.
-    """
-
-    def __init__(self, comm: MPI.Intracomm, num_owned: int, ghost: np.ndarray):
-        self.num_owned, self.num_ghost = num_owned, len(ghost)
-        counts = np.array(comm.allgather(num_owned), np.int64)
-        begin = np.cumsum(counts) - counts
-        self.ghost_owner = np.searchsorted(begin + counts, ghost, side="right")
-        # Ghosts ascend, so that those of one owner stand together.
-        wanted = np.bincount(self.ghost_owner, minlength=comm.size).astype(np.int32)
-        asked = np.empty_like(wanted)
-        comm.Alltoall(wanted, asked)
-        self._in = np.flatnonzero(wanted)
-        self._out = np.flatnonzero(asked)
-        self._in_count, self._out_count = wanted[self._in], asked[self._out]
-        sources: Any = self._in.tolist()
-        targets: Any = self._out.tolist()
-        self._graph = comm.Create_dist_graph_adjacent(sources, targets)
-        self._back = comm.Create_dist_graph_adjacent(targets, sources)
-        out = np.empty(int(asked.sum()), np.int64)
-        self._back.Neighbor_alltoallv(
-            [np.ascontiguousarray(ghost), self._in_count], [out, self._out_count]
-        )
-        self.send = out - begin[comm.rank]
-
-    def forward(self, values: np.ndarray) -> np.ndarray:
-        """Copy owned values (n_local, ...) to the ghosts, in place."""
-        width = int(np.prod(values.shape[1:]))
-        self._graph.Neighbor_alltoallv(
-            [values[self.send], self._out_count * width],
-            [values[self.num_owned :], self._in_count * width],
-        )
-        return values
-
-    def send_records(self, records: np.ndarray) -> np.ndarray:
-        """Send one record (..., width) for each entry of ``send``; returns those of the ghosts."""
-        width = records.shape[1]
-        received = np.empty((self.num_ghost, width), records.dtype)
-        self._graph.Neighbor_alltoallv(
-            [records, self._out_count * width], [received, self._in_count * width]
-        )
-        return received
-
-    def reverse(self, values: np.ndarray) -> np.ndarray:
-        """Add what the ghosts hold to their owners' values (n_local, ...), in place."""
-        width = int(np.prod(values.shape[1:]))
-        incoming = np.empty((len(self.send), *values.shape[1:]), values.dtype)
-        self._back.Neighbor_alltoallv(
-            [values[self.num_owned :], self._in_count * width], [incoming, self._out_count * width]
-        )
-        np.add.at(values, self.send, incoming)
-        return values
-
-    def free(self) -> None:
-        """Free the communicators. Collective."""
-        for graph in (self._graph, self._back):
-            graph.Free()

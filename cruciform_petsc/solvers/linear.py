@@ -68,9 +68,6 @@ class Smoother(Protocol):
     def attach(self, pc: PETSc.PC, level: int, sweeps: int) -> None:
         """Make it the smoother of a level of a PCMG."""
 
-    def free(self) -> None:
-        """Free what it holds. Collective."""
-
 
 @dataclass
 class Hierarchy:
@@ -329,9 +326,6 @@ class LinearSolver:
     def destroy(self) -> None:
         """Free the KSP (not the matrix)."""
         self.ksp.destroy()
-        if self._smoother is not None:
-            self._smoother.free()
-            self._smoother = None
 
 
 def _mechanism(sign: str) -> SolverError:

@@ -26,10 +26,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..net.network import Network, Partition
+from ..parallel import Halo, ask, find_sorted, send_by_rank
 from ..small.network import LinearNetwork
-from .csr import Halo, LocalRows, aij, local_rows
+from .csr import LocalRows, aij, local_rows
 from .linear import Hierarchy
-from .yarns import YarnLines, YarnSmoother
+from .yarns import OnYarns, YarnSmoother
 
 # The smallest weight of a corner of a bilinear cell that has the largest one.
 _STRONG = 0.25 - 1e-9
@@ -58,14 +59,14 @@ class Unknowns:
         Factors of the fields' values.
     slopes : float (n, 2)
         Factors of the slopes, per fine pitch.
-    lines : YarnLines, optional
+    lines : OnYarns, optional
         On which yarns they lie: for the smoother of the finest level.
     """
 
     point: np.ndarray
     values: np.ndarray
     slopes: np.ndarray
-    lines: YarnLines | None = None
+    lines: OnYarns | None = None
 
 
 def yarn_multigrid(linear: LinearNetwork, matrix: PETSc.Mat) -> Hierarchy:
@@ -169,7 +170,7 @@ def unknowns_of(linear: LinearNetwork) -> Unknowns:
         np.repeat(lattice, d, axis=0),
         values.reshape(-1, 3),
         slopes.reshape(-1, 2),
-        YarnLines(np.repeat(line, d, axis=0), np.repeat(place, d, axis=0)),
+        OnYarns(np.repeat(line, d, axis=0), np.repeat(place, d, axis=0)),
     )
 
 
@@ -345,23 +346,15 @@ def _number(comm, partition, step, component, point, strong):
     box = partition.box
     low, high = box[:, 0].min(axis=0), box[:, 1].max(axis=0) - 1
     owner = partition.owner(np.clip(point * step, low, high))
-    order = np.argsort(owner, kind="stable")
-    send = np.bincount(owner, minlength=comm.size).astype(np.int32)
-    receive = np.empty_like(send)
-    comm.Alltoall(send, receive)
-    out = np.column_stack([_pack(component, point), strong])[order]
-    received = np.empty((int(receive.sum()), 2), np.int64)
-    comm.Alltoallv([np.ascontiguousarray(out), 2 * send], [received, 2 * receive])
-    owned = np.unique(received[received[:, 1] > 0, 0])
-    offset = comm.exscan(len(owned)) or 0
-    at = np.searchsorted(owned, received[:, 0])
-    known = at < len(owned)
-    known[known] = owned[at[known]] == received[known, 0]
-    reply = np.where(known, at + offset, -1)
-    answers = np.empty(len(order), np.int64)
-    comm.Alltoallv([reply, receive], [answers, send])
-    number = np.empty(len(order), np.int64)
-    number[order] = answers
+    owned = np.zeros(0, np.int64)
+
+    def numbers(asked: np.ndarray) -> np.ndarray:
+        nonlocal owned
+        owned = np.unique(asked[asked[:, 1] > 0, 0])
+        place = find_sorted(owned, asked[:, 0])
+        return np.where(place >= 0, place + (comm.exscan(len(owned)) or 0), -1)
+
+    number = ask(comm, owner, np.column_stack([_pack(component, point), strong]), numbers)
     return number, *_unpack(owned)
 
 
@@ -509,8 +502,8 @@ def _compressed(components, component, point, number, stencils):
 def _ghost_rows(comm, rows: LocalRows, step: _Step):
     """Rows of P of the matrix's ghosts, and the numbers of the corners they hang on. Collective."""
     n = len(rows.pointer) - 1
-    halo = Halo(comm, n, rows.ghost)
-    sent = halo.send
+    halo = Halo.of_numbers(comm, n, rows.ghost)
+    sent = halo.exported
     # A row as a record: cell, weights by code, numbers by code.
     record = np.zeros((len(sent), 26))
     record[:, 14:] = -1
@@ -524,8 +517,7 @@ def _ghost_rows(comm, rows: LocalRows, step: _Step):
     record[:, :2] = step.cell[sent] + step.low
     record[which, 2 + code] = step.weight[entry]
     record[which, 14 + code] = step.number[code // 4, corner[:, 0], corner[:, 1]]
-    received = halo.send_records(record)
-    halo.free()
+    received = halo.to_ghosts(record)
     cell = received[:, :2].astype(np.int64) - step.low
     which, code = np.nonzero(received[:, 14:] >= 0)
     pointer = np.searchsorted(which, np.arange(len(received) + 1))
@@ -540,15 +532,8 @@ def _with_contributions(comm, n, offset, row_number, part, other_number, sent):
     pointer, column, value = sent
     rows = np.repeat(other_number, np.diff(pointer))
     ends = np.cumsum(comm.allgather(n))
-    count = np.bincount(np.searchsorted(ends, rows, side="right"), minlength=comm.size).astype(
-        np.int32
-    )  # rows ascend, so that those of one owner stand together
-    receive = np.empty_like(count)
-    comm.Alltoall(count, receive)
-    places = np.empty((int(receive.sum()), 2), np.int64)
-    values = np.empty(len(places))
-    comm.Alltoallv([np.stack([rows, column], axis=1), 2 * count], [places, 2 * receive])
-    comm.Alltoallv([value, count], [values, receive])
+    owner = np.searchsorted(ends, rows, side="right")
+    places, values = send_by_rank(comm, owner, np.stack([rows, column], axis=1), value)
     _sort_rows(*part)
     lengths = np.zeros(n, np.int64)  # rows that only others know of are empty here
     lengths[row_number - offset] = np.diff(part[0])

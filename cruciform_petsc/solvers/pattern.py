@@ -12,28 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numba
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..parallel import GhostExchange
+from ..parallel import DistributedNodes, Halo, send_by_rank
 from .csr import aij, gather, write_values
 
 _INT = np.dtype(PETSc.IntType).type
-
-
-class Nodes(Protocol):
-    """What a pattern must know of nodes that are dealt out over ranks: a Network's, for example."""
-
-    comm: MPI.Intracomm
-    exchange: GhostExchange
-    num_nodes_owned: int
-    num_nodes_global: int
-    node_offset: int
-    node_number_global: np.ndarray
 
 
 @dataclass
@@ -54,7 +41,7 @@ class BlockPattern:
 
     Parameters
     ----------
-    nodes : Network or other Nodes
+    nodes : DistributedNodes
     connectivities : sequence of int (m, k) arrays
         Local nodes of the elements, one array for each kind of element.
     block : int
@@ -68,9 +55,9 @@ class BlockPattern:
         Places of the blocks of owned nodes with themselves.
     """
 
-    def __init__(self, nodes: Nodes, connectivities: Sequence[np.ndarray], block: int):
+    def __init__(self, nodes: DistributedNodes, connectivities: Sequence[np.ndarray], block: int):
         self.nodes, self.block = nodes, block
-        exchange, owned = nodes.exchange, nodes.num_nodes_owned
+        owned = nodes.num_nodes_owned
         number = nodes.node_number_global
         size = len(number)
         mesh = _Mesh(connectivities, size)
@@ -78,10 +65,9 @@ class BlockPattern:
         none = np.zeros(size + 1, np.int64), np.zeros(0, np.int64)
         ghost_start, ghost_column = mesh.rows(owned, size, False, number, *none)
         ghost_row = np.repeat(np.arange(owned, size), np.diff(ghost_start))
-        self._send_count, order, row = exchange.route(ghost_row, number[ghost_row])
-        out = np.stack([row, ghost_column[order]], axis=1)
-        self._receive_count = exchange.counts(self._send_count)
-        received = exchange.alltoall(out, self._send_count, self._receive_count)
+        pairs = np.stack([number[ghost_row], ghost_column], axis=1)
+        owner = nodes.ghost_owner[ghost_row - owned]
+        (received,) = send_by_rank(nodes.comm, owner, pairs)
         place = received[:, 0] - nodes.node_offset
         by_row = np.argsort(place, kind="stable")
         extra_start = np.searchsorted(place[by_row], np.arange(size + 1))
@@ -89,8 +75,13 @@ class BlockPattern:
         self._start, self._column = start, column
         self.num_blocks = len(column)
         self._num_ghost_blocks = len(ghost_column)
-        self._send_slot = self.num_blocks + order
-        self._receive_slot = _find(place, received[:, 1], start, column)
+        self._halo = Halo(
+            nodes.comm,
+            self.num_blocks,
+            owner,
+            pairs,
+            lambda pair: _find(pair[:, 0] - nodes.node_offset, pair[:, 1], start, column),
+        )
         every_start = np.concatenate([start, start[-1] + ghost_start[1:]])
         every_column = np.concatenate([column, ghost_column])
         self.slots = [
@@ -133,10 +124,7 @@ class BlockPattern:
 
     def collect(self, blocks: np.ndarray) -> np.ndarray:
         """Move ghost rows to their owners, in place. Collective."""
-        received = self.nodes.exchange.alltoall(
-            blocks[self._send_slot], self._send_count, self._receive_count
-        )
-        np.add.at(blocks, self._receive_slot, received)
+        self._halo.reverse(blocks)
         blocks[self.num_blocks :] = 0.0
         return blocks
 

@@ -28,7 +28,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..errors import SolverError
-from .csr import Halo, local_rows
+from ..parallel import Halo
+from .csr import local_rows
 
 # The factors and couplings of the smoother are kept in single precision. Rounding them is the same
 # for both halves of a symmetric pair, and what it changes is one of many ways to precondition;
@@ -43,7 +44,7 @@ _OTHER, _BEYOND = -1, -2  # see _split
 
 
 @dataclass
-class YarnLines:
+class OnYarns:
     """On which yarns the unknowns of a rank lie.
 
     Attributes
@@ -401,9 +402,8 @@ class _Family:
         blocks = np.zeros((len(node), d, d))
         _joint_blocks(n, inside, column, value, index, joints % d, self.start, self.column, factor,
                       blocks)  # fmt: skip
-        every: np.ndarray = np.zeros((local.size // d, d, d))
-        every[node] = blocks
-        every = np.repeat(every, d, axis=0)  # the halo knows unknowns, not nodes
+        every = np.zeros((local.size, d, d))  # the halo knows unknowns, not nodes
+        every[node * d] = blocks
         local.halo.reverse(every)
         mine = np.unique(own // d)
         schur = every[mine * d]
@@ -462,17 +462,21 @@ class YarnSmoother:
     matrix : PETSc.Mat (AIJ)
         Symmetric, positive definite. Its block size is the number of unknowns per node; nodes are
         not split between yarns.
-    lines : YarnLines
+    lines : OnYarns
         Of the unknowns that this rank owns.
 
     Raises SolverError on every rank if yarns cannot be joined where ranks meet.
     """
 
-    def __init__(self, matrix: PETSc.Mat, lines: YarnLines):
+    def __init__(self, matrix: PETSc.Mat, lines: OnYarns):
         comm = matrix.comm.tompi4py()
         with local_rows(matrix) as part:
-            n, num_ghost = len(part.pointer) - 1, len(part.ghost)
-            halo = Halo(comm, n, part.ghost) if comm.size > 1 else None
+            block = max(matrix.getBlockSize(), 1)
+            # Whole nodes: of some of a node's unknowns this rank's rows may hold no entry.
+            node = np.unique(part.ghost // block)
+            ghost = (node[:, None] * block + np.arange(block)).ravel()
+            n, num_ghost = len(part.pointer) - 1, len(ghost)
+            halo = Halo.of_numbers(comm, n, ghost) if comm.size > 1 else None
             line = np.full((n + num_ghost, 2), -1, np.int32)
             joint = np.ones((n + num_ghost, 1), np.int32)
             if lines.joint is not None:
@@ -488,12 +492,12 @@ class YarnSmoother:
                 halo.forward(joint)
                 halo.forward(place)
                 merged: tuple[np.ndarray, ...] = _merge(
-                    pointer, column, value, part.ghost_pointer, part.ghost_column,
-                    part.ghost_value, num_ghost,
+                    pointer, column, value, part.ghost_pointer,
+                    np.searchsorted(ghost, part.ghost)[part.ghost_column], part.ghost_value,
+                    num_ghost,
                 )  # fmt: skip
                 pointer, column, value = merged
                 owner = halo.ghost_owner
-            block = max(matrix.getBlockSize(), 1)
             local = _Local(
                 pointer, column, value, n, owner, comm.rank, halo, block, joint[:, 0] > 0
             )
@@ -502,12 +506,10 @@ class YarnSmoother:
                 for f in (0, 1)
             ]
             local.pointer = local.column = local.value = np.zeros(0)  # borrowed: forget them
-        self.halo = halo
         self._x = np.zeros(local.size)
         if halo is None:
             return
         if not comm.allreduce(all(np.isfinite(f.schur).all() for f in self.families), MPI.LAND):
-            self.free()
             raise SolverError(
                 "the yarn multigrid finds yarns without stiffness where ranks meet: a part of the "
                 "preform may be free to move; try yarn bending or another pc_type",
@@ -537,11 +539,6 @@ class YarnSmoother:
             inner = ksp.getPC()
             inner.setType(PETSc.PC.Type.PYTHON)
             inner.setPythonContext(_Sweep(self, families))
-
-    def free(self) -> None:
-        """Free the communicators. Collective."""
-        if self.halo is not None:
-            self.halo.free()
 
 
 class _Sweep:

@@ -76,7 +76,7 @@ def test_tangent_at_45_degrees_of_shear():
     moved = result.node_displacement @ network.preform.rotation.T
     x[model.nodes.of_network_node] += moved
     x[model.nodes.of_hinge] += result.fields["displacement"] @ network.preform.rotation.T
-    model.nodes.exchange.forward(x)
+    model.nodes.halo.forward(x)
     model.prescribe(x, test._motions(grips, result.extension))
     sheared = iterations(model, x)
     if COMM.rank == 0:

@@ -13,10 +13,11 @@ from petsc4py import PETSc
 from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import SolverError
 from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.parallel import Halo
 from cruciform_petsc.small.network import LinearNetwork
-from cruciform_petsc.solvers.csr import Halo, local_rows, write_values
+from cruciform_petsc.solvers.csr import local_rows, write_values
 from cruciform_petsc.solvers.multigrid import _contrast, hierarchy, interpolations, unknowns_of
-from cruciform_petsc.solvers.yarns import YarnLines, YarnSmoother
+from cruciform_petsc.solvers.yarns import OnYarns, YarnSmoother
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
@@ -149,7 +150,6 @@ def test_a_family_is_solved_whole(family, bending, fabric):
     # Factors are kept in single precision, 6e-8; a yarn's condition is E/G or its length.
     size = COMM.allreduce(float(abs(x).max()), MPI.MAX) * COMM.allreduce(matrix.norm(), MPI.MAX)
     assert abs(left).max(initial=0.0) < (1e-6 * size if COMM.size < 3 else np.inf)
-    smoother.free()
     matrix.destroy()
 
 
@@ -161,9 +161,9 @@ def test_yarns_that_cannot_be_joined():
     if COMM.rank < 2 <= COMM.size:
         matrix.setValue(COMM.rank, 1 - COMM.rank, 1.0)
     matrix.assemble()
-    lines = YarnLines(np.array([[0, -1]], np.int32), np.array([[float(COMM.rank), 0.0]]), None)
+    lines = OnYarns(np.array([[0, -1]], np.int32), np.array([[float(COMM.rank), 0.0]]), None)
     if COMM.size == 1:
-        YarnSmoother(matrix, lines).free()
+        YarnSmoother(matrix, lines)
     else:
         with pytest.raises(SolverError, match="where ranks meet"):
             YarnSmoother(matrix, lines)
@@ -194,7 +194,6 @@ def test_sweeps_up_are_the_transpose_of_sweeps_down(bending):
         dot(a, smoother.apply(a, (0, 1, 0, 1))) * dot(b, smoother.apply(b, (0, 1, 0, 1)))
     )
     assert down == pytest.approx(up, abs=1e-6 * norm)
-    smoother.free()
     matrix.destroy()
 
 
@@ -216,7 +215,6 @@ def test_galerkin_products_are_petscs(outline, bending):
         fine = product
     for thing in (*levels.matrices, *levels.interpolations, matrix):
         thing.destroy()
-    levels.smoother.free()
 
 
 def test_couplings_that_reach_too_far_are_left_to_petsc():
@@ -244,14 +242,13 @@ def test_local_rows_and_values():
         np.testing.assert_array_equal(rows.value, value[own])
         np.testing.assert_array_equal(rows.ghost[rows.ghost_column], column[~own])
         np.testing.assert_array_equal(rows.ghost_value, value[~own])
-        halo = Halo(COMM, end - begin, rows.ghost)
+        halo = Halo.of_numbers(COMM, end - begin, rows.ghost)
         ghost = rows.ghost.copy()
     numbers = np.concatenate([np.arange(begin, end), np.zeros(len(ghost), np.int64)])
     np.testing.assert_array_equal(halo.forward(numbers)[end - begin :], ghost)
     ones = np.concatenate([np.zeros(end - begin), np.ones(len(ghost))])
     halo.reverse(ones)
     assert COMM.allreduce(ones[: end - begin].sum()) == COMM.allreduce(len(ghost))
-    halo.free()
     write_values(matrix, value[::-1].copy(), column, np.arange(len(value)))
     np.testing.assert_array_equal(matrix.getValuesCSR()[2], value[::-1])
     matrix.destroy()

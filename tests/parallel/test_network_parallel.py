@@ -18,7 +18,15 @@ from support.helpers import (
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.parallel import GhostExchange
+from cruciform_petsc.parallel import (
+    DistributedNodes,
+    ask,
+    least,
+    most,
+    on_all,
+    on_root,
+    send_by_rank,
+)
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks
@@ -183,7 +191,7 @@ def test_forward(network):
     """Ghosts get what their owners have; owners keep it; in place."""
     values = mixed(network.node_key)
     values[network.num_nodes_owned :] = np.nan
-    result = network.exchange.forward(values)
+    result = network.halo.forward(values)
     assert result is values
     np.testing.assert_array_equal(values, mixed(network.node_key))
 
@@ -198,7 +206,7 @@ def test_reverse(network, combine, slow):
     for rank, keys in enumerate(COMM.allgather(network.node_key)):
         for key, value in zip(keys.tolist(), mixed(keys, rank), strict=True):
             held.setdefault(key, []).append(value)
-    network.exchange.reverse(values, combine)
+    network.halo.reverse(values, combine)
     owned = network.num_nodes_owned
     expected = [slow(held[key], axis=0) for key in network.node_key[:owned].tolist()]
     np.testing.assert_allclose(values[:owned], expected, rtol=1e-14)
@@ -213,26 +221,58 @@ def test_any_type_and_shape(network, dtype):
     values = np.broadcast_to(base.reshape(-1, *[1] * len(shape)), (len(base), *shape)).copy()
     expected = values.copy()
     values[network.num_nodes_owned :] = 0
-    network.exchange.forward(values)
+    network.halo.forward(values)
     np.testing.assert_array_equal(values, expected)
     if dtype is bool:
         marked = np.zeros(len(base), bool)
         marked[network.num_nodes_owned :] = True  # by those that have the ghosts
-        network.exchange.forward(network.exchange.reverse(marked, np.logical_or))
+        network.halo.share(marked, np.logical_or)
         keys = np.concatenate(COMM.allgather(network.node_key[network.num_nodes_owned :]))
         np.testing.assert_array_equal(marked, np.isin(network.node_key, keys))
 
 
-def test_route(network):
-    """One record for each ghost arrives at its owner, with the number that the owner knows."""
-    owned = network.num_nodes_owned
-    ghosts = np.arange(owned, network.num_nodes_local)[::-1]
-    numbers = network.node_number_global[ghosts]
-    count, order, number = network.exchange.route(ghosts, numbers)
-    np.testing.assert_array_equal(number, numbers[order])
-    arrived = network.exchange.alltoall(number, count, network.exchange.counts(count))
-    assert ((arrived >= network.node_offset) & (arrived < network.node_offset + owned)).all()
-    assert COMM.allreduce(len(arrived)) == COMM.allreduce(len(ghosts))
+def test_share(network):
+    """Every rank that has a value ends with what all of them hold together."""
+    values = np.ones(network.num_nodes_local)
+    assert network.halo.share(values) is values
+    keys = np.concatenate(COMM.allgather(network.node_key))
+    every, count = np.unique(keys, return_counts=True)
+    np.testing.assert_array_equal(values, count[np.searchsorted(every, network.node_key)])
+
+
+def test_nodes_are_found_by_name(network):
+    """Owned ones and ghosts; -1 for those of others."""
+    local = network.find(network.node_key[::-1])
+    assert local.dtype == np.int32
+    np.testing.assert_array_equal(local, np.arange(network.num_nodes_local)[::-1])
+    elsewhere = np.setdiff1d(np.concatenate(COMM.allgather(network.node_key)), network.node_key)
+    assert (network.find(elsewhere) == -1).all()
+
+
+def test_records_by_rank():
+    """By sender, those of one sender in its order; ranks that send nothing; several arrays."""
+    number = 3 * COMM.rank  # rank 0 sends nothing
+    rank = np.arange(number)[::-1] % COMM.size
+    name = 100 * COMM.rank + np.arange(number)
+    got, points, flags = send_by_rank(
+        COMM, rank, name, np.stack([name, -name], axis=1).astype(float), name % 2 == 0
+    )
+    expected = np.concatenate([
+        100 * sender + np.flatnonzero(np.arange(3 * sender)[::-1] % COMM.size == COMM.rank)
+        for sender in range(COMM.size)
+    ])  # fmt: skip
+    np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(points, np.stack([expected, -expected], axis=1))
+    np.testing.assert_array_equal(flags, expected % 2 == 0)
+
+
+def test_answers_come_in_the_order_asked():
+    """Each by the rank that was asked."""
+    rng = np.random.default_rng(COMM.rank)
+    rank = rng.integers(0, COMM.size, 20 * COMM.rank)
+    question = rng.normal(size=(len(rank), 2))
+    answer = ask(COMM, rank, question, lambda asked: asked.sum(axis=1) + 10.0 * COMM.rank)
+    np.testing.assert_array_equal(answer, question.sum(axis=1) + 10.0 * rank)
 
 
 def test_disagreement_is_noticed():
@@ -240,4 +280,46 @@ def test_disagreement_is_noticed():
     key = np.array([10 * COMM.rank], np.int64)
     other = np.array([(COMM.rank + 1) % COMM.size])
     with pytest.raises(AssertionError, match="two ranks disagree"):
-        GhostExchange(COMM, key, np.array([5], np.int64), other)
+        DistributedNodes(COMM, key, np.array([5], np.int64), other)
+
+
+# -- what one rank finds out, all know -----------------------------------------------------------
+
+
+def test_least_and_most():
+    """Of numbers, arrays, empty arrays; whole numbers stay exact; a value that counts too."""
+    last = COMM.size - 1
+    assert least(COMM, COMM.rank + 0.5) == 0.5
+    assert most(COMM, np.array([[COMM.rank, -1]])) == last
+    only = np.full(3 if COMM.rank == last else 0, 2**62 + 1)  # no float holds it
+    assert least(COMM, only) == most(COMM, only) == 2**62 + 1
+    assert isinstance(least(COMM, only), int)
+    assert (least(COMM, []), most(COMM, [])) == (np.inf, -np.inf)
+    assert (least(COMM, only, initial=3), most(COMM, [], initial=0.0)) == (3, 0.0)
+
+
+@pytest.mark.parametrize("guilty", [0, COMM.size - 1])
+@pytest.mark.parametrize("call", [on_all, on_root])
+@pytest.mark.parametrize("error", [InputError("no such edge"), OSError("disk full")])
+def test_an_error_on_one_rank_is_one_on_all(call, guilty, error):
+    """None waits for the guilty rank; errors of the program come as they are, others as text."""
+
+    def function():
+        if COMM.rank == guilty:
+            raise error
+        return COMM.rank
+
+    if call is on_root and guilty > 0:
+        assert on_root(COMM, function) == 0
+        return
+    mine = InputError if isinstance(error, InputError) else (OSError, RuntimeError)
+    with pytest.raises(mine, match=f"{error}$") as caught:
+        call(COMM, function)
+    if COMM.rank != guilty and isinstance(error, OSError):
+        assert str(caught.value) == f"on rank {guilty}: OSError: disk full"
+
+
+def test_each_rank_keeps_its_result():
+    """on_all is no broadcast; on_root is one."""
+    assert on_all(COMM, lambda: COMM.rank) == COMM.rank
+    assert on_root(COMM, lambda: f"rank {COMM.rank}") == "rank 0"
