@@ -19,6 +19,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from inspect import cleandoc
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -38,7 +39,7 @@ _LIST: dict[str, Any] = {"action": "append", "default": []}
 _WITH_VALUE: dict[str, dict[str, Any]] = {
     "--set": _LIST
     | {"metavar": "KEY=VALUE", "help": "replace a value of the case: --set preform.refine=4"},
-    "--output": {"metavar": "DIR", "help": "replaces output.directory"},
+    "--output": {"metavar": "DIR", "help": "the folder for results, whatever a case says"},
     "--data": {
         "metavar": "FILE",
         "required": True,
@@ -89,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return hint(running[-1], comm.size) if running else ""
 
-    return guarded(comm, lambda: _run(comm, arguments, running), hint)
+    return guarded(comm, lambda: _do(comm, arguments, running), hint)
 
 
 @contextlib.contextmanager
@@ -211,7 +212,7 @@ def _abort(control: MPI.Intracomm, code: int) -> int:
     return code
 
 
-def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
+def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
     """Do what was typed; puts the folder of a run into ``running``, once there is one."""
     own, petsc_options = split_arguments(arguments)
     hidden = io.StringIO()
@@ -226,7 +227,11 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
     args.work(comm, args)
 
 
-def _run_case(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Solve a case and write results.
+
+    Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
+    """
     case, directory = _case_and_folder(comm, args)
     args.running.append(directory)
     from .run import run_case
@@ -235,6 +240,10 @@ def _run_case(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Go on with a run that was interrupted, on as many ranks as you like.
+
+    Example: cruciform-petsc resume results/picture_frame
+    """
     from .output.checkpoint import reopen
     from .output.folder import prepare_directory
     from .run import run_case
@@ -246,6 +255,10 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _check(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Read a case and report sizes, solve nothing.
+
+    Example: cruciform-petsc check demos/picture_frame.toml
+    """
     case = _load(comm, args.case, args.set)
     from .run import check_case
 
@@ -253,6 +266,10 @@ def _check(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Find the shear law of a case's fabric from a measured load curve.
+
+    Example: cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv
+    """
     if (args.hold_out is None) != (args.hold_out_data is None):
         raise InputError(
             "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
@@ -274,13 +291,25 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Two results, or a result and a measured curve: curves and differences.
+
+    A and B are folders of results, or CSV files of a measured displacement and force. Their curves
+    are laid over each other in the folder of --output, by default "comparison".
+
+    Example: cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv
+    """
     from .compare import compare_command
 
     compare_command(comm, args.a, args.b, args.output or "comparison", args.log)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Write a case file to begin with, or print it. Collective."""
+    """Write a commented case file to begin with.
+
+    Without FILE it goes onto the screen.
+
+    Example: cruciform-petsc new picture-frame my_frame.toml
+    """
     from .case.template import new_case, write_new_case
     from .parallel import on_root
 
@@ -294,6 +323,10 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """List the library of fabrics.
+
+    Example: cruciform-petsc fabrics
+    """
     if comm.rank == 0:
         print(fabric_table())
 
@@ -414,24 +447,23 @@ def _parser() -> _Parser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(
-        name: str,
         work: Callable[[MPI.Intracomm, argparse.Namespace], None],
-        what: str,
-        example: str,
         options: Sequence[str] = (),
-        petsc: bool = False,
-        description: str = "",
         **arguments: dict[str, Any],
     ) -> None:
-        """Add a command with its `arguments` in order; with options, it logs and has loudness."""
-        more = (
-            "\nOptions with one dash after CASE go to PETSc: -cruciform_ksp_monitor, -log_view ..."
-        )
+        """Add a command by its function, whose docstring ends with an example."""
+        description, _, example = cleandoc(work.__doc__ or "").rpartition("\n\n")
+        if "case" in arguments:
+            example += (
+                "\nOptions with one dash after CASE go to PETSc: -cruciform_ksp_monitor, "
+                "-log_view ..."
+            )
+        what = description.partition("\n")[0].rstrip(".")
         sub = commands.add_parser(
-            name,
-            help=what,
-            description=description or f"{what[:1].upper()}{what[1:]}.",
-            epilog=f"Example: {example}{more if petsc else ''}",
+            work.__name__.strip("_"),
+            help=what[:1].lower() + what[1:],
+            description=description,
+            epilog=example,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
@@ -440,72 +472,29 @@ def _parser() -> _Parser:
             sub.add_argument(key, **argument)
         for option in options:
             sub.add_argument(option, **_WITH_VALUE[option])
-        if options:
+        if options:  # of the others there is nothing to log
             loudness = sub.add_mutually_exclusive_group()
             loudness.add_argument("--quiet", action="store_true", help="log warnings only")
             loudness.add_argument("--verbose", action="store_true", help="log more")
 
     case = {"metavar": "CASE", "help": "the case file (TOML)"}
+    what = "the folder of the results, or the case file that tells it"
+    command(_run, ("--set", "--output"), case=case)
+    command(_check, ("--set",), case=case)
+    command(_calibrate, tuple(_WITH_VALUE), case=case)
+    command(_resume, ("--set", "--output"), case={"metavar": "DIR|CASE", "help": what})
     command(
-        "run",
-        _run_case,
-        "solve a case and write results",
-        "mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2",
-        ("--set", "--output"),
-        petsc=True,
-        case=case,
-    )
-    command(
-        "check",
-        _check,
-        "read a case and report sizes, solve nothing",
-        "cruciform-petsc check demos/picture_frame.toml",
-        ("--set",),
-        petsc=True,
-        case=case,
-    )
-    command(
-        "calibrate",
-        _calibrate,
-        "find the shear law of a case's fabric from a measured load curve",
-        "cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv",
-        tuple(_WITH_VALUE),
-        petsc=True,
-        case=case,
-    )
-    command(
-        "resume",
-        _resume,
-        "go on with a run that was interrupted, on as many ranks as you like",
-        "cruciform-petsc resume results/picture_frame",
-        ("--set", "--output"),
-        petsc=True,
-        case={
-            "metavar": "DIR|CASE",
-            "help": "the folder of the results, or the case file that tells it",
-        },
-    )
-    command(
-        "compare",
         _compare,
-        "two results, or a result and a measured curve: curves and differences",
-        "cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv",
         ("--output",),
-        description="Lay two curves over each other and tell how far they are apart.\n"
-        "A and B are folders of results, or CSV files of a measured displacement and force.",
         a={"metavar": "A", "help": "a folder of results, or a measured curve (CSV)"},
         b={"metavar": "B", "help": "another; differences are relative to this one"},
     )
     command(
-        "new",
         _new,
-        "write a commented case file to begin with",
-        "cruciform-petsc new picture-frame my_frame.toml",
-        description="Write a commented case file to begin with; onto the screen without FILE.",
         kind={"metavar": "KIND", "help": f"the kind of test: {', '.join(KINDS)}"},
         file={"metavar": "FILE", "nargs": "?", "help": "must not be there yet"},
     )
-    command("fabrics", _fabrics, "list the library of fabrics", "cruciform-petsc fabrics")
+    command(_fabrics)
     return parser
 
 

@@ -21,10 +21,10 @@ class _Read:
     """Annotates a field that a function of ours reads; what is wrong is a ValueError in words."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(self.read)
+        return core_schema.with_info_plain_validator_function(self.read)
 
-    def read(self, value: Any) -> Any:
-        """Check a value and return what is kept of it."""
+    def read(self, value: Any, info: Any) -> Any:
+        """Check a value and return what is kept of it; `info` is pydantic's."""
         raise NotImplementedError
 
 
@@ -54,24 +54,25 @@ class Of(_Read):
     wanted: str = ""
     example: str = ""
 
-    def read(self, value: Any) -> Any:
+    def read(self, value: Any, info: Any) -> Any:
         """Check one quantity, or a list of them if there may be `many`."""
+        bare = bool(info.context)
         if not (self.many and isinstance(value, list)):
-            return self._one(value)
+            return self._one(value, bare)
         if not value:
             raise ValueError("is an empty list, give at least one value")
         quantities = []
         for i, item in enumerate(value):
             try:
-                quantities.append(self._one(item))
+                quantities.append(self._one(item, bare))
             except ValueError as error:
                 raise ValueError(f"(value {i + 1}) {error}") from None
         return quantities
 
-    def _one(self, value: Any) -> Quantity:
-        quantity = Quantity.read(value, self.unit, column=self.column)
+    def _one(self, value: Any, bare: bool) -> Quantity:
+        quantity = Quantity.read(value, self.unit, column=self.column, bare=bare)
         if self.good is not None and not self.good(quantity.si):
-            raise ValueError(f'must be {self.wanted}, got "{cut(value)}"')
+            raise ValueError(f'must be {self.wanted}, got "{cut(quantity)}"')
         return quantity
 
 
@@ -87,7 +88,7 @@ class OneOf(_Read):
 
     pick: Callable[[Any], type[Table]]
 
-    def read(self, value: Any) -> Table:
+    def read(self, value: Any, info: Any) -> Table:
         """Read it as what it is."""
         return value if isinstance(value, Table) else self.pick(value).model_validate(value)
 
@@ -122,7 +123,7 @@ class Table(BaseModel):
     )
 
     @classmethod
-    def from_data(cls, data: Any, key: str = "") -> Self:
+    def from_data(cls, data: Any, key: str = "", *, bare: bool = False) -> Self:
         """Check plain data as they stand in a case file.
 
         Parameters
@@ -130,6 +131,8 @@ class Table(BaseModel):
         data : mapping
         key : str
             Where the table stands, for messages.
+        bare : bool
+            Take numbers without unit as SI already (scripts may, case files may not).
 
         Raises
         ------
@@ -137,7 +140,7 @@ class Table(BaseModel):
             One sentence of up to three problems.
         """
         try:
-            return cls.model_validate(data)
+            return cls.model_validate(data, context=bare)
         except ValidationError as error:
             problems = list(
                 dict.fromkeys(_sentence(cls, data, key, dict(e)) for e in error.errors())

@@ -87,10 +87,10 @@ class Quantity(str):
     si: float = math.nan
 
     @classmethod
-    def read(cls, value: Any, unit: str, *, column: bool = False) -> Self:
-        """Parse a quantity, or with `column` a unit by itself, which is worth so much of SI."""
-        si = parse_unit(value, unit) if column else parse(value, unit)
-        quantity = cls(value)
+    def read(cls, value: Any, unit: str, *, column: bool = False, bare: bool = False) -> Self:
+        """Parse a quantity (see `parse`), or with `column` a unit by itself, its value in SI."""
+        si = parse_unit(value, unit) if column else parse(value, unit, bare=bare)
+        quantity = cls(value if isinstance(value, str) else f"{si!r} {unit}")
         quantity.unit, quantity.si = unit, si
         return quantity
 

@@ -274,14 +274,7 @@ class Case(Table):
                 preform.edge(edge)
             except InputError as error:
                 raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
-        self.test.check_preform(preform)
-        if self.test.bending:
-            for side in ("warp", "weft"):
-                if getattr(fabric, side).yarn_bending == 0.0:
-                    raise InputError(
-                        f"test.bending is true but fabric.{side}.yarn_bending is zero, "
-                        "give it a value or set test.bending = false"
-                    )
+        self.test.check(preform, fabric)
         if self.continuum.second_gradient:
             for key in ("finite", "bending"):
                 if not getattr(self.test, key):

@@ -268,15 +268,9 @@ class Preform:
 
     def _edge_list(self) -> str:
         """Write the known names, numbered ones as a range."""
-        names: list[str] = []
-        numbered: dict[str, list[str]] = {}
-        for name in self.edges:
-            match = re.fullmatch(r"(outline|hole)-\d+", name)
-            if match is None:
-                names.append(name)
-            else:
-                numbered.setdefault(match[1], []).append(name)
-        for group in numbered.values():
+        names = [name for name in self.edges if not re.fullmatch(r"(outline|hole)-\d+", name)]
+        for kind in ("outline", "hole"):
+            group = [name for name in self.edges if re.fullmatch(rf"{kind}-\d+", name)]
             names += group if len(group) < 3 else [f"{group[0]} to {group[-1]}"]
         return ", ".join(names)
 

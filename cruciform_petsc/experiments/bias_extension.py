@@ -66,35 +66,23 @@ class BiasExtension(Experiment):
     model : "coupled" or "separate"
         All modes of deformation in one system; or the paper's three systems, one after the other
         (see solvers.separate; small displacements only).
-    **options
-        ``finite``, ``bending``, ``increments``, ``options``: see Experiment.
+    **keys
+        See Experiment.
     """
 
     table: ClassVar[type[TestTable]] = BiasExtensionTable
     kind = "bias-extension"
     has_zones = True
+    upper = "grip"
 
     def __init__(
         self,
         network: Network,
         extension: Any = None,
         load: Any = None,
-        *,
-        upper: str = "grip",
-        model: str = "coupled",
-        **options: Any,
+        **keys: Any,
     ):
-        if (extension is None) == (load is None):
-            raise InputError("give either an extension or a load")
-        if upper not in ("grip", "centre-line"):
-            raise InputError(f"upper is '{upper}'; it can be 'grip' or 'centre-line'")
-        if model not in ("coupled", "separate"):
-            raise InputError(f"model is '{model}'; it can be 'coupled' or 'separate'")
-        by_load = extension is None
-        super().__init__(network, load if by_load else extension, by_load=by_load, **options)
-        if model == "separate" and self.finite:
-            raise InputError("the paper's separate systems are for small displacements only")
-        self.upper, self.model = upper, model
+        super().__init__(network, extension=extension, load=load, **keys)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge; clamp or guide the upper one. Collective."""

@@ -8,7 +8,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import model_validator
 
-from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
 from .experiment import Experiment, Grip
@@ -51,7 +50,7 @@ class Cantilever(Experiment):
     network : Network
     load : str, float or sequence of them
         Force along x, with units or in newtons.
-    **options
+    **keys
         See Experiment.
     """
 
@@ -61,10 +60,8 @@ class Cantilever(Experiment):
     unit = "N"
     column = ("load_N", 1.0)
 
-    def __init__(self, network: Network, load: Any, **options: Any):
-        super().__init__(network, load, **options)
-        if not self.bending:
-            raise InputError("a cantilever test is one of yarn bending: bending must be true")
+    def __init__(self, network: Network, load: Any, **keys: Any):
+        super().__init__(network, load=load, **keys)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge, put a load of 1 N along x on the upper one. Collective."""

@@ -46,27 +46,23 @@ class OffAxisTension(BiasExtension):
     ends : "grip" or "free"
         Gripped; or free to contract and to slide across the pull, as in a test on a long strip:
         only how far the ends move along it is prescribed.
-    **options
+    **keys
         See Experiment.
     """
 
     table = OffAxisTable
     kind = "off-axis-tension"
+    ends: str
 
     def __init__(
         self,
         network: Network,
         extension: Any = None,
         load: Any = None,
-        *,
-        ends: str = "grip",
-        **options: Any,
+        **keys: Any,
     ):
-        if ends not in ("grip", "free"):
-            raise InputError(f"ends is '{ends}'; it can be 'grip' or 'free'")
-        super().__init__(network, extension, load, **options)
-        self.ends = ends
-        self.has_zones = ends == "grip"  # no clamp, no zones
+        super().__init__(network, extension, load, **keys)
+        self.has_zones = self.ends == "grip"  # no clamp, no zones
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp both ends; or guide both, and hold one point across the pull. Collective."""

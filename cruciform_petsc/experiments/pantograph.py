@@ -38,12 +38,12 @@ class Pantograph(BiasExtension):
     ----------
     network : Network
     extension : str, float or sequence of them
-    **options
+    **keys
         See Experiment.
     """
 
     table = PantographTable
     kind = "pantograph"
 
-    def __init__(self, network: Network, extension: Any, **options: Any):
-        super().__init__(network, extension, **options)
+    def __init__(self, network: Network, extension: Any, **keys: Any):
+        super().__init__(network, extension, **keys)

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from ..errors import InputError
 from ..fields import Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -61,7 +60,7 @@ class PictureFrame(Experiment):
     angle : str, float or sequence of them
         Shear angle of the frame, 90 degrees less the angle between its sides; with units or in
         radians. Positive where warp and weft close.
-    **options
+    **keys
         See Experiment.
     """
 
@@ -71,13 +70,8 @@ class PictureFrame(Experiment):
     unit = "rad"
     column = ("angle_deg", np.pi / 180.0)
 
-    def __init__(self, network: Network, angle: Any, **options: Any):
-        super().__init__(network, angle, **options)
-        if (np.abs(self.values) >= 0.5 * np.pi).any():
-            raise InputError("a picture frame's shear angle must be less than 90 deg")
-        along = np.abs(network.preform.rotation)
-        if not (np.isclose(along, 0.0, atol=1e-9) | np.isclose(along, 1.0)).all():
-            raise InputError("a picture frame needs yarns along its sides: bias angle 0 or 90 deg")
+    def __init__(self, network: Network, angle: Any, **keys: Any):
+        super().__init__(network, angle=angle, **keys)
         self._sides = np.ptp(np.reshape(network.preform.outline.bounds, (2, 2)), axis=0)
 
     def grip(self, constraints: Constraints) -> list[Grip]:

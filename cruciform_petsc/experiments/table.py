@@ -7,7 +7,9 @@ from typing import Annotated, ClassVar
 
 from pydantic import model_validator
 
+from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
+from ..errors import InputError
 from ..fields import Count, Of, Quantities, Table, si_values
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
@@ -74,10 +76,16 @@ class TestTable(Table):
         """Prescribed values, one or more [m, N, rad or 1]."""
         return si_values(getattr(self, self.control))
 
-    def check_preform(self, preform: Preform) -> None:
-        """Raise InputError if the preform is none for such a test."""
+    def check(self, preform: Preform, fabric: Fabric) -> None:
+        """Raise InputError if the preform or the fabric is none for such a test."""
         if self.along_the_yarns:
             preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+        for side in ("warp", "weft"):
+            if self.bending and getattr(fabric, side).yarn_bending == 0.0:
+                raise InputError(
+                    f"test.bending is true but fabric.{side}.yarn_bending is zero, "
+                    "give it a value or set test.bending = false"
+                )
 
 
 class PullTable(TestTable):

@@ -44,10 +44,6 @@ class LeaningPull(Experiment):
 
     kind, table = "leaning-pull", LeaningPullTable
 
-    def __init__(self, network, extension, *, lean=0.0, **options):
-        super().__init__(network, extension, **options)
-        self.lean = lean
-
     def grip(self, constraints):
         return [Grip(edge, constraints.clamp(edge)) for edge in ("lower", "upper")]
 
