@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Annotated, Any, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import core_schema
 
 from .errors import InputError, cut, shown
@@ -93,17 +94,39 @@ class OneOf(_Read):
         return value if isinstance(value, Table) else self.pick(value).model_validate(value)
 
 
+def positive(value: float) -> bool:
+    """Whether a value is above zero."""
+    return value > 0.0
+
+
+def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
+    different = len({(x.si, y.si) for x, y in ring})
+    if different < 3:
+        raise ValueError(f"must have at least 3 different corners, got {different}")
+    return ring
+
+
 Quantities = Quantity | list[Quantity]
 Length = Annotated[Quantity, Of("m")]
+Size = Annotated[Quantity, Of("m", good=positive, wanted="positive")]
+Sides = Annotated[list[Size], Field(min_length=2, max_length=2)]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
-Ring = Annotated[list[Point], Field(min_length=3)]
+Ring = Annotated[list[Point], Field(min_length=3), AfterValidator(_three_corners)]
 Count = Annotated[int, Field(ge=1)]
 Counts = Annotated[list[Count], Field(min_length=1)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
-# A script may give tuples.
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2, strict=False)]
-Pairs = Annotated[list[Pair], Field(min_length=1, strict=False)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Pairs = Annotated[list[Pair], Field(min_length=1)]
 Name = Annotated[str, Field(min_length=1)]
+
+
+def _plain(value: Any) -> Any:
+    """What a case file could hold of a script's arrays, tuples and NumPy's numbers."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def si_values(quantities: Quantities) -> list[float]:
@@ -139,6 +162,7 @@ class Table(BaseModel):
         InputError
             One sentence of up to three problems.
         """
+        data = _plain(data)
         try:
             return cls.model_validate(data, context=bare)
         except ValidationError as error:
@@ -195,6 +219,8 @@ def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) 
     key = key.removeprefix(".")
     if kind in _WANTED:
         return f"{key} must be {_WANTED[kind]}, got {got}"
+    if kind == "less_than_equal":
+        return f"{key} must be at most {context['le']}"
     if kind == "missing":
         return f"{key} is missing"
     if kind == "value_error":  # one of ours, which may go on with the key

@@ -12,7 +12,7 @@ import math
 import re
 from functools import lru_cache
 from numbers import Real
-from typing import Any, Self, overload
+from typing import Any, Self
 
 import pint
 
@@ -217,49 +217,34 @@ def parse_unit(value: Any, unit: str) -> float:
         raise ValueError(f'= "{cut(value)}" {problem}') from None
 
 
-@overload
-def to_si(value: list[Any], unit: str, key: str, *, bare: bool = ...) -> list[float]: ...
-@overload
-def to_si(value: Any, unit: str, key: str, *, bare: bool = ...) -> float: ...
-def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | list[float]:
-    """Turn a quantity with its unit, or a list of them, into SI numbers.
+def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float:
+    """Turn a quantity with its unit into SI.
 
     Parameters
     ----------
-    value : str or list of str
+    value : str
         "520 N/cm", "2.4 /cm", "2.4 ends/cm", "1/4.8 mm", "0.6 N mm^2", "45 deg", "1 mm", "2 N",
         "1 %", "576 g/m^2", "2.5 g/cm^3".
     unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2" or
-        "kg/m**3".
+        SI unit of the result, as for `parse`.
     key : str
         Where the value stands, for the message: "fabric.warp.modulus".
     bare : bool
         Take a number without unit as SI already (scripts may, case files may not).
 
-    Returns
-    -------
-    float or list of float
-
     Raises
     ------
     InputError
-        No unit, an unknown one, a wrong dimension, no finite number, an empty list.
+        No unit, an unknown one, a wrong dimension, no finite number.
 
     Examples
     --------
     >>> to_si("520 N/cm", "N/m", "modulus")
     52000.0
-    >>> to_si(["1 mm", "2 cm"], "m", "extension")
-    [0.001, 0.02]
     >>> to_si("45", "rad", "bias_angle")
     Traceback (most recent call last):
     cruciform_petsc.errors.InputError: bias_angle = "45" has no unit, write for example "45 deg"
     """
-    if isinstance(value, list):
-        if not value:
-            raise InputError(f"{key} is an empty list, give at least one value")
-        return [to_si(item, unit, f"{key}[{i}]", bare=bare) for i, item in enumerate(value)]
     try:
         return parse(value, unit, bare=bare)
     except ValueError as error:

@@ -23,7 +23,7 @@ from ..errors import InputError, shown
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable
-from ..fields import Counts, Name, Of, OneOf, Table
+from ..fields import Counts, Name, Of, OneOf, Table, positive
 from ..parallel import on_root
 from ..units import Quantity
 
@@ -93,10 +93,6 @@ def _petsc_options(value: Any) -> Any:
     return value
 
 
-def _positive(size: float) -> bool:
-    return size > 0.0
-
-
 class ContinuumTable(Table):
     """[continuum]: the membrane to compare with.
 
@@ -110,7 +106,7 @@ class ContinuumTable(Table):
     """Whether the membrane resists the bending of yarns. The default: where the network does and
     test.finite = true. Example: `true`"""
     mesh_size: (
-        Annotated[Quantity, Of("m", example="5 mm", good=_positive, wanted="positive")] | None
+        Annotated[Quantity, Of("m", example="5 mm", good=positive, wanted="positive")] | None
     ) = None
     """Of the membrane. The default is the program's choice."""
     ladder: Counts | None = None

@@ -14,7 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import shapely
@@ -23,8 +23,8 @@ from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Of, Point, Ring, Table
-from ..units import Quantity, format_si, to_si
+from ..fields import Count, Of, Point, Ring, Sides, Table, si_values
+from ..units import Quantity, format_si
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
@@ -92,24 +92,20 @@ class Preform:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("bias_angle", _angle(self.bias_angle))
-        for key in ("refine", "yarns_per_cruciform"):
-            count = getattr(self, key)
-            if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-                raise InputError(
-                    f"preform.{key} must be a whole number from 1 up, got {shown(count)}"
-                )
-            if count > _MOST:
-                raise InputError(f"preform.{key} must be at most {_MOST}")
-            put(key, int(count))
-        if self.refine > 1 and self.yarns_per_cruciform > 1:
+        angle = self.bias_angle
+        if isinstance(angle, int | float) and 2.0 * math.pi < abs(angle) < math.inf:
             raise InputError(
-                f"preform.refine = {self.refine} and preform.yarns_per_cruciform = "
-                f"{self.yarns_per_cruciform} undo each other, leave one of them at 1"
+                f"preform.bias_angle = {angle:g} rad is more than a full turn, "
+                f'did you mean "{angle:g} deg"?'
             )
-        if self.origin is not None:
-            put("origin", _point(self.origin, "preform.origin"))
-            if max(map(abs, self.origin)) > _LARGEST:
+        given = {key: getattr(self, key) for key in LatticeTable.model_fields}
+        lattice = LatticeTable.from_data(given, "preform", bare=True)
+        put("bias_angle", lattice.bias_angle.si)
+        put("refine", lattice.refine)
+        put("yarns_per_cruciform", lattice.yarns_per_cruciform)
+        if lattice.origin is not None:
+            put("origin", tuple(si_values(lattice.origin)))
+            if max(map(abs, si_values(lattice.origin))) > _LARGEST:
                 raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
         put("outline", _checked(self.outline))
         edges = _named_edges(self.outline)
@@ -150,15 +146,8 @@ class Preform:
         **options
             ``refine``, ``yarns_per_cruciform``, ``origin``, ``edges``.
         """
-        sides = to_si([width, length], "m", "preform.outline.rectangle", bare=True)
-        for i, side in enumerate(sides):
-            if side <= 0.0:
-                raise InputError(
-                    f"preform.outline.rectangle[{i}] must be positive, got {format_si(side, 'm')}"
-                )
-        x, y = 0.5 * sides[0], sides[1]
-        corners = [(-x, 0.0), (x, 0.0), (x, y), (-x, y)]
-        return cls.polygon(corners, holes, bias_angle, **options)
+        outline = {"rectangle": [width, length], "holes": holes}
+        return cls._cut(outline, bias_angle, options)
 
     @classmethod
     def polygon(
@@ -179,10 +168,12 @@ class Preform:
         bias_angle, **options
             As for `rectangle`.
         """
-        shell = _ring(points, "preform.outline.polygon")
-        given = _listed(holes, "preform.outline.holes")
-        rings = [_ring(hole, f"preform.outline.holes[{i}]") for i, hole in enumerate(given)]
-        return cls(shapely.Polygon(shell, rings), bias_angle, **options)  # type: ignore[arg-type]
+        return cls._cut({"polygon": points, "holes": holes}, bias_angle, options)
+
+    @classmethod
+    def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
+        table = OutlineTable.from_data(outline, "preform.outline", bare=True)
+        return cls(table.build(), bias_angle, **options)  # type: ignore[arg-type]
 
     @property
     def warp_direction(self) -> np.ndarray:
@@ -289,37 +280,6 @@ def _size(a: float, b: float) -> str:
     return f"{format_si(a, 'm')} x {format_si(b, 'm')}"
 
 
-def _angle(value: Any) -> float:
-    angle = to_si(value, "rad", "preform.bias_angle", bare=True)
-    if not isinstance(value, str) and abs(angle) > 2.0 * math.pi:
-        raise InputError(
-            f"preform.bias_angle = {angle:g} rad is more than a full turn, "
-            f'did you mean "{angle:g} deg"?'
-        )
-    return angle
-
-
-def _point(value: Any, key: str) -> tuple[float, float]:
-    values = list(value) if isinstance(value, Sequence | np.ndarray) else None
-    if isinstance(value, str) or values is None or len(values) != 2:
-        raise InputError(f'{key} must be a pair like ["0 mm", "5 mm"], got {shown(value)}')
-    x, y = to_si(values, "m", key, bare=True)
-    return x, y
-
-
-def _listed(value: Any, key: str) -> Sequence[Any] | np.ndarray:
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise InputError(f"{key} must be a list, got {shown(value)}")
-    return value
-
-
-def _ring(points: Any, key: str) -> list[tuple[float, float]]:
-    ring = [_point(point, f"{key}[{i}]") for i, point in enumerate(_listed(points, key))]
-    if len(set(ring)) < 3:
-        raise InputError(f"{key} must have at least 3 different corners, got {len(set(ring))}")
-    return ring
-
-
 def _checked(outline: Any) -> shapely.Polygon:
     """Return the outline with the cloth on its left and no repeated points."""
     if not isinstance(outline, shapely.Polygon) or outline.is_empty:
@@ -413,7 +373,7 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
 class OutlineTable(Table):
     """[preform] outline: a rectangle (width, length), or a polygon with holes."""
 
-    rectangle: Point | None = None
+    rectangle: Sides | None = None
     """Width and length. x from -width/2 to width/2, y from 0 to the length.
     Example: `["100 mm", "200 mm"]`"""
     polygon: Ring | None = None
@@ -429,32 +389,53 @@ class OutlineTable(Table):
             raise ValueError("needs exactly one of rectangle and polygon")
         return self
 
+    def build(self) -> shapely.Polygon:
+        """Make the outline, in metres; `Preform` checks it."""
+        if self.rectangle is not None:
+            width, length = si_values(self.rectangle)
+            x = 0.5 * width
+            shell = [[-x, 0.0], [x, 0.0], [x, length], [-x, length]]
+        else:
+            shell = [si_values(point) for point in self.polygon or ()]
+        holes = [[si_values(point) for point in hole] for hole in self.holes]
+        return shapely.Polygon(shell, holes)
 
-class PreformTable(Table):
-    """[preform]: see `Preform`."""
 
-    outline: OutlineTable
-    """A rectangle, or a polygon with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+class LatticeTable(Table):
+    """[preform] without its outline: where the yarns run."""
+
     bias_angle: Annotated[Quantity, Of("rad")]
     """From the pull (y) to the warp."""
-    refine: Count = 1
+    refine: Annotated[Count, Field(le=_MOST)] = 1
     """A finer net of the same fabric: pitch divided by this."""
-    yarns_per_cruciform: Count = 1
+    yarns_per_cruciform: Annotated[Count, Field(le=_MOST)] = 1
     """A coarser net: pitch times this. Not together with refine."""
     origin: Point | None = None
     """A crossover's place. The default is the centre of the outline's bounding box.
     Example: `["0 mm", "100 mm"]`"""
 
+    @model_validator(mode="after")
+    def _finer_or_coarser(self) -> Self:
+        if self.refine > 1 and self.yarns_per_cruciform > 1:
+            raise ValueError(
+                f".refine = {self.refine} and preform.yarns_per_cruciform = "
+                f"{self.yarns_per_cruciform} undo each other, leave one of them at 1"
+            )
+        return self
+
+
+class PreformTable(LatticeTable):
+    """[preform]: see `Preform`."""
+
+    outline: OutlineTable
+    """A rectangle, or a polygon with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+
     def build(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the table's."""
-        outline = self.outline
-        options: dict[str, Any] = {
-            "refine": self.refine if refine is None else refine,
-            "yarns_per_cruciform": self.yarns_per_cruciform,
-            "origin": self.origin,
-        }
-        if outline.rectangle is None:
-            assert outline.polygon is not None  # the check above has seen to it
-            return Preform.polygon(outline.polygon, outline.holes, self.bias_angle, **options)
-        width, length = outline.rectangle
-        return Preform.rectangle(width, length, self.bias_angle, holes=outline.holes, **options)
+        return Preform(
+            self.outline.build(),
+            self.bias_angle,  # type: ignore[arg-type]
+            refine=self.refine if refine is None else refine,
+            yarns_per_cruciform=self.yarns_per_cruciform,
+            origin=self.origin,  # type: ignore[arg-type]
+        )

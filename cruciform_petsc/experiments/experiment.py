@@ -56,13 +56,6 @@ class Grip:
     nodes: np.ndarray
 
 
-def _plain(value: Any) -> Any:
-    """What a case file could hold of a sequence or a number of NumPy's."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    return list(value) if isinstance(value, tuple) else value
-
-
 def _columns(motions: np.ndarray) -> np.ndarray:
     """Motions (n, d, m) of n nodes as columns over their unknowns, (n d, m)."""
     return motions.reshape(-1, motions.shape[2])
@@ -95,7 +88,7 @@ class Experiment:
     has_zones = False
 
     def __init__(self, network: Network, *, options: dict | None = None, **keys: Any):
-        given = {key: _plain(value) for key, value in keys.items() if value is not None}
+        given = {key: value for key, value in keys.items() if value is not None}
         self.test = test = self.table.from_data({"kind": self.kind} | given, "test", bare=True)
         test.check(network.preform, network.fabric)
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
