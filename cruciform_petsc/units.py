@@ -51,7 +51,7 @@ yarn = count
 """
 
 # SI unit -> what it measures, an example, the unit that logs use.
-_KINDS = {
+MEASURES = {
     "N/m": ("a force per width", "520 N/cm", "N/cm"),
     "1/m": ("a number per length", "2.4 /cm", "/cm"),
     "N*m**2": ("a flexural rigidity", "0.6 N mm^2", "N mm^2"),
@@ -106,7 +106,7 @@ def _registry() -> pint.UnitRegistry:
 @lru_cache(maxsize=256)
 def _factor(text: str, unit: str) -> float:
     """Return how many `unit` one `text` is; ValueError says in words why it is none."""
-    kind, example, _ = _KINDS[unit]
+    kind, example, _ = MEASURES[unit]
     if unit == "1":
         if text not in _STRAINS:
             raise ValueError(
@@ -154,7 +154,7 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     """
     if isinstance(value, Quantity) and value.unit == unit:
         return value.si
-    kind, example, _ = _KINDS[unit]
+    kind, example, _ = MEASURES[unit]
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -207,7 +207,7 @@ def parse_unit(value: Any, unit: str) -> float:
     ValueError
         The end of a sentence that begins with the key.
     """
-    kind, example, usual = _KINDS[unit]
+    kind, example, usual = MEASURES[unit]
     if not isinstance(value, str) or not value.strip():
         raise ValueError(f'must be the unit of {kind} in quotes like "{usual}", got {shown(value)}')
     try:
@@ -251,20 +251,11 @@ def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float:
         raise InputError(f"{key} {error}") from None
 
 
-def describe(unit: str) -> tuple[str, str, str]:
-    """What an SI unit measures, an example, and the unit that logs use.
-
-    >>> describe("m")
-    ('a length', '1 mm', 'mm')
-    """
-    return _KINDS[unit]
-
-
 def format_si(value: float, unit: str) -> str:
     """Write an SI number for people.
 
     >>> format_si(52000.0, "N/m")
     '520 N/cm'
     """
-    shown = _KINDS[unit][2]
+    shown = MEASURES[unit][2]
     return f"{value / _factor(shown, unit):.6g} {shown}"

@@ -23,7 +23,7 @@ from cruciform_petsc.cloth import fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
 from cruciform_petsc.experiments.table import TestTable
 from cruciform_petsc.fields import Of, Table
-from cruciform_petsc.units import describe
+from cruciform_petsc.units import MEASURES
 
 PAGE = Path(__file__).parents[1] / "docs" / "case-file.md"
 
@@ -116,7 +116,7 @@ def kind_of(field: FieldInfo) -> str:
         annotation, *metadata = get_args(annotation)
     for item in metadata:
         if isinstance(item, Of):
-            what, example, unit = describe(item.unit)
+            what, example, unit = MEASURES[item.unit]
             if item.column:
                 return f'the unit of {what}, `"{unit}"`'
             several = ", or a list of them" if item.many else ""

@@ -23,9 +23,8 @@ from ..errors import InputError, shown
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable
-from ..fields import Counts, Name, Of, OneOf, Table, positive
+from ..fields import Counts, Name, OneOf, Size, Table
 from ..parallel import on_root
-from ..units import Quantity
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -105,9 +104,7 @@ class ContinuumTable(Table):
     second_gradient: bool | None = None
     """Whether the membrane resists the bending of yarns. The default: where the network does and
     test.finite = true. Example: `true`"""
-    mesh_size: (
-        Annotated[Quantity, Of("m", example="5 mm", good=positive, wanted="positive")] | None
-    ) = None
+    mesh_size: Size | None = None
     """Of the membrane. The default is the program's choice."""
     ladder: Counts | None = None
     """Compare finer and finer nets: values of refine. Example: `[1, 2, 4]`"""

@@ -138,10 +138,7 @@ class Fabric:
             _check(f"{side}.modulus", family.modulus, "N/m")
             _check(f"{side}.poisson", family.poisson, least=-math.inf, wanted="finite")
             _check(f"{side}.yarns", family.yarns, "1/m")
-            _check(
-                f"{side}.yarn_bending", family.yarn_bending, "N*m**2",
-                least=0.0, wanted="zero or positive and finite",
-            )  # fmt: skip
+            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", least=0.0)
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, most=1.0, wanted="above 0 and at most 1")
         _check("tension.compression_width", self.compression_width)
@@ -173,7 +170,7 @@ class Fabric:
             )
 
     @classmethod
-    def from_table(cls, name: str, table: Mapping[str, Any], key: str = "fabric") -> Fabric:
+    def from_table(cls, name: str, table: Mapping[str, Any]) -> Fabric:
         """Make a fabric from values with units, laid out as in a case file.
 
         Parameters
@@ -182,10 +179,8 @@ class Fabric:
         table : mapping
             As ``[fabric]`` of a case file (docs/case-file.md), and maybe ``source``. What is None
             counts as missing.
-        key : str
-            Where the table stands, for messages.
         """
-        return _LibraryTable.from_data(dict(table), key).build(name)
+        return _LibraryTable.from_data(dict(table), "fabric").build(name)
 
     @classmethod
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
@@ -317,7 +312,7 @@ def _check(
     *,
     least: float | None = None,
     most: float = math.inf,
-    wanted: str = "positive and finite",
+    wanted: str = "",
 ) -> None:
     """Refuse what is no finite number, is not above 0 (or below `least`), or above `most`."""
     try:
@@ -325,6 +320,7 @@ def _check(
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"fabric.{key} must be a finite number") from None
     good = number > 0.0 if least is None else number >= least
+    wanted = wanted or f"{'' if least is None else 'zero or '}positive and finite"
     if not (good and number <= most and math.isfinite(number)):
         got = format_si(number, unit) if unit else f"{number:g}"
         raise InputError(f"fabric.{key} must be {wanted}, got {got}")

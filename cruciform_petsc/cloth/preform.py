@@ -92,15 +92,15 @@ class Preform:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        angle = self.bias_angle
-        if isinstance(angle, int | float) and 2.0 * math.pi < abs(angle) < math.inf:
+        given = {key: getattr(self, key) for key in LatticeTable.model_fields}
+        lattice = LatticeTable.from_data(given, "preform", bare=True)
+        angle = lattice.bias_angle.si
+        if not isinstance(self.bias_angle, str) and abs(angle) > 2.0 * math.pi:
             raise InputError(
                 f"preform.bias_angle = {angle:g} rad is more than a full turn, "
                 f'did you mean "{angle:g} deg"?'
             )
-        given = {key: getattr(self, key) for key in LatticeTable.model_fields}
-        lattice = LatticeTable.from_data(given, "preform", bare=True)
-        put("bias_angle", lattice.bias_angle.si)
+        put("bias_angle", angle)
         put("refine", lattice.refine)
         put("yarns_per_cruciform", lattice.yarns_per_cruciform)
         if lattice.origin is not None:

@@ -75,13 +75,7 @@ class BiasExtension(Experiment):
     has_zones = True
     upper = "grip"
 
-    def __init__(
-        self,
-        network: Network,
-        extension: Any = None,
-        load: Any = None,
-        **keys: Any,
-    ):
+    def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
         super().__init__(network, extension=extension, load=load, **keys)
 
     def grip(self, constraints: Constraints) -> list[Grip]:

@@ -72,8 +72,6 @@ class Biaxial(Experiment):
 
     table = BiaxialTable
     kind = "biaxial"
-    control = "strain"
-    unit = "1"
     ratio: float
     column = ("strain_warp_percent", 0.01)
 

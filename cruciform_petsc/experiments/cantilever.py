@@ -56,8 +56,6 @@ class Cantilever(Experiment):
 
     table = CantileverTable
     kind = "cantilever"
-    control = "load"
-    unit = "N"
     column = ("load_N", 1.0)
 
     def __init__(self, network: Network, load: Any, **keys: Any):

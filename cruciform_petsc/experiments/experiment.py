@@ -80,8 +80,6 @@ class Experiment:
     table: ClassVar[type[TestTable]]  # of a case file
     kind = ""
     model = "coupled"  # all modes of deformation in one system
-    control = "extension"
-    unit = "m"
     # What the curve's column of the control is called, and SI units in one of its.
     column = ("extension_mm", 1e-3)
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
@@ -91,6 +89,8 @@ class Experiment:
         given = {key: value for key, value in keys.items() if value is not None}
         self.test = test = self.table.from_data({"kind": self.kind} | given, "test", bare=True)
         test.check(network.preform, network.fabric)
+        # What the kind prescribes; `by_load`: a load in its place.
+        self.control, self.unit = next(iter(test.controls.items()))
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
         self.values = np.array(test.values_si)
         if not self.values.any():

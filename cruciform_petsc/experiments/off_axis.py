@@ -54,13 +54,7 @@ class OffAxisTension(BiasExtension):
     kind = "off-axis-tension"
     ends: str
 
-    def __init__(
-        self,
-        network: Network,
-        extension: Any = None,
-        load: Any = None,
-        **keys: Any,
-    ):
+    def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
         super().__init__(network, extension, load, **keys)
         self.has_zones = self.ends == "grip"  # no clamp, no zones
 

@@ -66,8 +66,6 @@ class PictureFrame(Experiment):
 
     table = PictureFrameTable
     kind = "picture-frame"
-    control = "angle"
-    unit = "rad"
     column = ("angle_deg", np.pi / 180.0)
 
     def __init__(self, network: Network, angle: Any, **keys: Any):
