@@ -91,7 +91,9 @@ class OneOf(_Read):
 
     def read(self, value: Any, info: Any) -> Table:
         """Read it as what it is."""
-        return value if isinstance(value, Table) else self.pick(value).model_validate(value)
+        if isinstance(value, Table):
+            return value
+        return self.pick(value).model_validate(value, context=info.context)
 
 
 def positive(value: float) -> bool:

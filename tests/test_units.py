@@ -2,11 +2,12 @@
 """Quantities with units."""
 
 import math
+import pickle
 
 import pytest
 
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.units import format_si, parse_unit, to_si
+from cruciform_petsc.units import Quantity, format_si, parse, parse_unit, to_si
 
 
 @pytest.mark.parametrize(
@@ -176,3 +177,17 @@ def test_refused_units(value, unit, message):
     with pytest.raises(ValueError) as caught:
         parse_unit(value, unit)
     assert str(caught.value) == message
+
+
+def test_quantities_keep_what_was_written():
+    """Text and value, through a pickle too; in place of the text they are not parsed again."""
+    quantity = pickle.loads(pickle.dumps(Quantity.read("2.4 cm", "m")))
+    assert (quantity, quantity.unit, quantity.si) == ("2.4 cm", "m", pytest.approx(0.024))
+    assert parse(quantity, "m") == quantity.si
+    with pytest.raises(ValueError, match="not that of a force"):
+        parse(quantity, "N")
+    assert Quantity.read("N/mm", "N/m", column=True).si == pytest.approx(1000.0)
+    bare = Quantity.read(0.5, "rad", bare=True)
+    assert (str(bare), bare.si) == ("0.5 rad", 0.5)
+    with pytest.raises(ValueError, match="bare number 0.5"):
+        Quantity.read(0.5, "rad")

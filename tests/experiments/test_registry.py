@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
@@ -16,6 +17,7 @@ from cruciform_petsc.experiments.experiment import Experiment, Grip
 from cruciform_petsc.experiments.registry import KINDS, kind_class
 from cruciform_petsc.experiments.table import Lengths, TestTable
 from cruciform_petsc.fields import Number
+from cruciform_petsc.net.network import Network
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
 
@@ -81,6 +83,12 @@ def test_keys_are_arguments_and_mistakes_are_told(kind, tmp_path):
     case = Case.load(path)
     assert case.test.lean == 0.5
     assert Case.from_data(case.model_dump()) == case
+    network = Network(MPI.COMM_SELF, case.preform(), case.fabric())
+    experiment = case.experiment(network)
+    assert (experiment.lean, experiment.is_curve, experiment.finite) == (0.5, True, True)
+    assert experiment.values == pytest.approx([1e-4, 3e-4])
+    other = case.experiment(network, bending=False, controls=2e-4)
+    assert (other.values.tolist(), other.is_curve, other.bending) == ([2e-4], False, False)
     for change, message in (
         ("test.lean=aside", "test.lean must be a number, got 'aside'"),
         ("test.leen=1", '[test] has the unknown key "leen" (did you mean "lean"?)'),
