@@ -34,30 +34,21 @@ if TYPE_CHECKING:
 
 PROGRAM = "cruciform-petsc"
 
-_LIST: dict[str, Any] = {"action": "append", "default": []}
-# Options of ours that take a value, as argparse wants them.
-_WITH_VALUE: dict[str, dict[str, Any]] = {
-    "--set": _LIST
-    | {"metavar": "KEY=VALUE", "help": "replace a value of the case: --set preform.refine=4"},
-    "--output": {"metavar": "DIR", "help": "the folder for results, whatever a case says"},
-    "--data": {
-        "metavar": "FILE",
-        "required": True,
-        "help": "the measured curve: CSV of displacement and force, units in the header",
-    },
-    "--also": _LIST
-    | {
-        "metavar": "CASE",
-        "help": "a further specimen that the law shall follow, too; may be repeated",
-    },
-    "--also-data": _LIST | {"metavar": "FILE", "help": "the measured curve of that specimen"},
-    "--weights": {"metavar": "W,W,...", "help": "of the curves, the first one's first: 1,0.5"},
-    "--hold-out": {
-        "metavar": "CASE",
-        "help": "another specimen of the cloth, whose curve the law found shall predict",
-    },
-    "--hold-out-data": {"metavar": "FILE", "help": "the measured curve of that specimen"},
+# Options of ours that take a value: what it is called, and what it does.
+_WITH_VALUE = {
+    "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
+    "--output": ("DIR", "the folder for results, whatever a case says"),
+    "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
+    "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
+    "--also-data": ("FILE", "the measured curve of that specimen"),
+    "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
+    "--hold-out": (
+        "CASE",
+        "a specimen of the same cloth, whose curve the law found shall predict",
+    ),
+    "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
+_REPEATED = ("--set", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -448,12 +439,15 @@ def _parser() -> _Parser:
 
     def command(
         work: Callable[[MPI.Intracomm, argparse.Namespace], None],
+        *arguments: tuple[str, str],
         options: Sequence[str] = (),
-        **arguments: dict[str, Any],
     ) -> None:
-        """Add a command by its function, whose docstring ends with an example."""
+        """Add a command by its function, whose docstring ends with an example.
+
+        Of each argument and option: what it is called, and what it does.
+        """
         description, _, example = cleandoc(work.__doc__ or "").rpartition("\n\n")
-        if "case" in arguments:
+        if "--set" in options:
             example += (
                 "\nOptions with one dash after CASE go to PETSc: -cruciform_ksp_monitor, "
                 "-log_view ..."
@@ -468,31 +462,40 @@ def _parser() -> _Parser:
             allow_abbrev=False,
         )
         sub.set_defaults(work=work)
-        for key, argument in arguments.items():
-            sub.add_argument(key, **argument)
+        for name, text in arguments:
+            sub.add_argument(
+                name.rpartition("|")[2].strip("[]").lower(),
+                metavar=name.strip("[]"),
+                nargs="?" if name.startswith("[") else None,  # type: ignore[arg-type]
+                help=text,
+            )
         for option in options:
-            sub.add_argument(option, **_WITH_VALUE[option])
+            name, text = _WITH_VALUE[option]
+            more: dict[str, Any] = {"required": option == "--data"}
+            if option in _REPEATED:
+                more |= {"action": "append", "default": []}
+            sub.add_argument(option, metavar=name, help=text, **more)
         if options:  # of the others there is nothing to log
             loudness = sub.add_mutually_exclusive_group()
             loudness.add_argument("--quiet", action="store_true", help="log warnings only")
             loudness.add_argument("--verbose", action="store_true", help="log more")
 
-    case = {"metavar": "CASE", "help": "the case file (TOML)"}
-    what = "the folder of the results, or the case file that tells it"
-    command(_run, ("--set", "--output"), case=case)
-    command(_check, ("--set",), case=case)
-    command(_calibrate, tuple(_WITH_VALUE), case=case)
-    command(_resume, ("--set", "--output"), case={"metavar": "DIR|CASE", "help": what})
+    case = ("CASE", "the case file (TOML)")
+    folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
+    command(_run, case, options=("--set", "--output"))
+    command(_check, case, options=("--set",))
+    command(_calibrate, case, options=tuple(_WITH_VALUE))
+    command(_resume, folder, options=("--set", "--output"))
     command(
         _compare,
-        ("--output",),
-        a={"metavar": "A", "help": "a folder of results, or a measured curve (CSV)"},
-        b={"metavar": "B", "help": "another; differences are relative to this one"},
+        ("A", "a folder of results, or a measured curve (CSV)"),
+        ("B", "another; differences are relative to this one"),
+        options=("--output",),
     )
     command(
         _new,
-        kind={"metavar": "KIND", "help": f"the kind of test: {', '.join(KINDS)}"},
-        file={"metavar": "FILE", "nargs": "?", "help": "must not be there yet"},
+        ("KIND", f"the kind of test: {', '.join(KINDS)}"),
+        ("[FILE]", "must not be there yet"),
     )
     command(_fabrics)
     return parser

@@ -218,27 +218,8 @@ def parse_unit(value: Any, unit: str) -> float:
 
 
 def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float:
-    """Turn a quantity with its unit into SI.
+    """Do what `parse` does, for scripts; what is wrong is an InputError that begins with the key.
 
-    Parameters
-    ----------
-    value : str
-        "520 N/cm", "2.4 /cm", "2.4 ends/cm", "1/4.8 mm", "0.6 N mm^2", "45 deg", "1 mm", "2 N",
-        "1 %", "576 g/m^2", "2.5 g/cm^3".
-    unit : str
-        SI unit of the result, as for `parse`.
-    key : str
-        Where the value stands, for the message: "fabric.warp.modulus".
-    bare : bool
-        Take a number without unit as SI already (scripts may, case files may not).
-
-    Raises
-    ------
-    InputError
-        No unit, an unknown one, a wrong dimension, no finite number.
-
-    Examples
-    --------
     >>> to_si("520 N/cm", "N/m", "modulus")
     52000.0
     >>> to_si("45", "rad", "bias_angle")
