@@ -38,7 +38,7 @@ _HOME = {
     "BiasExtension": "experiments.bias_extension",
     "Biaxial": "experiments.biaxial",
     "Cantilever": "experiments.cantilever",
-    "Case": "case",
+    "Case": "case.schema",
     "CruciformError": "errors",
     "Fabric": "cloth.fabric",
     "InputError": "errors",

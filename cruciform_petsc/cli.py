@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The command line: `cruciform-petsc COMMAND ...`; `--help` lists the commands.
 
-Modules that import PETSc are imported only after `petsc4py.init` has had the PETSc options.
+Of the package only errors and the names of kinds are imported here: what imports MPI or PETSc waits
+until `petsc4py.init` has had the PETSc options.
 """
 
 from __future__ import annotations
@@ -18,33 +19,36 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from inspect import cleandoc
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from .case.schema import Case
-from .case.template import KINDS, new_case, write_new_case
-from .cloth.fabric import Fabric, fabric_names
 from .errors import CruciformError, InputError
-from .output.folder import prepare_directory
-from .parallel import on_root
-from .units import format_si
+from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from .case.schema import Case
+
 PROGRAM = "cruciform-petsc"
 
-_WITH_VALUE = (
-    "--set",
-    "--output",
-    "--data",
-    "--also",
-    "--also-data",
-    "--weights",
-    "--hold-out",
-    "--hold-out-data",
-)
+# Options of ours that take a value: what it is called, and what it does.
+_WITH_VALUE = {
+    "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
+    "--output": ("DIR", "the folder for results, whatever a case says"),
+    "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
+    "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
+    "--also-data": ("FILE", "the measured curve of that specimen"),
+    "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
+    "--hold-out": (
+        "CASE",
+        "a specimen of the same cloth, whose curve the law found shall predict",
+    ),
+    "--hold-out-data": ("FILE", "the measured curve of that specimen"),
+}
+_REPEATED = ("--set", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -77,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return hint(running[-1], comm.size) if running else ""
 
-    return guarded(comm, lambda: _run(comm, arguments, running), hint)
+    return guarded(comm, lambda: _do(comm, arguments, running), hint)
 
 
 @contextlib.contextmanager
@@ -199,7 +203,7 @@ def _abort(control: MPI.Intracomm, code: int) -> int:
     return code
 
 
-def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
+def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
     """Do what was typed; puts the folder of a run into ``running``, once there is one."""
     own, petsc_options = split_arguments(arguments)
     hidden = io.StringIO()
@@ -208,66 +212,131 @@ def _run(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> 
             args = _parser().parse_args(own)
     except SystemExit:  # --help and --version; wrong arguments are InputErrors
         return
-    if args.command == "fabrics":
-        if comm.rank == 0:
-            print(fabric_table())
-        return
-    if args.command == "new":
-        _new(comm, args.kind, args.file)
-        return
-    log = _logger(comm, args.quiet, args.verbose)
-    if args.command == "resume":
-        _start_petsc(petsc_options)  # what a checkpoint is made of imports it
-        from .output.checkpoint import reopen
-        from .run import run_case
+    args.log = _logger(comm, args)
+    args.running = running
+    _start_petsc(petsc_options)
+    args.work(comm, args)
 
-        checkpoint = reopen(comm, args.case, args.set, args.output)
-        directory = prepare_directory(comm, checkpoint.directory)
-        running.append(directory)
-        run_case(comm, checkpoint.case, directory, log, checkpoint)
-        return
-    if args.command == "compare":
-        from .compare import compare_command
 
-        compare_command(comm, args.a, args.b, args.output, log)
-        return
-    case = Case.load_collective(comm, args.case, args.set)
-    if args.command == "check":
-        _start_petsc(petsc_options)
-        from .run import check_case
+def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Solve a case and write results.
 
-        check_case(comm, case, log)
-        return
-    other, also = None, []
-    if args.command == "calibrate":
-        if (args.hold_out is None) != (args.hold_out_data is None):
-            raise InputError(
-                "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
-            )
-        if len(args.also) != len(args.also_data):
-            raise InputError("each --also CASE needs an --also-data FILE, in the same order")
-        also = [Case.load_collective(comm, path, []) for path in args.also]
-        if args.hold_out is not None:
-            other = Case.load_collective(comm, args.hold_out, [])
+    Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
+    """
+    case, directory = _case_and_folder(comm, args)
+    args.running.append(directory)
+    from .run import run_case
+
+    run_case(comm, case, directory, args.log)
+
+
+def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Go on with a run that was interrupted, on as many ranks as you like.
+
+    Example: cruciform-petsc resume results/picture_frame
+    """
+    from .output.checkpoint import reopen
+    from .output.folder import prepare_directory
+    from .run import run_case
+
+    checkpoint = reopen(comm, args.case, args.set, args.output)
+    directory = prepare_directory(comm, checkpoint.directory)
+    args.running.append(directory)
+    run_case(comm, checkpoint.case, directory, args.log, checkpoint)
+
+
+def _check(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Read a case and report sizes, solve nothing.
+
+    Example: cruciform-petsc check demos/picture_frame.toml
+    """
+    case = _load(comm, args.case, args.set)
+    from .run import check_case
+
+    check_case(comm, case, args.log)
+
+
+def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Find the shear law of a case's fabric from a measured load curve.
+
+    Example: cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv
+    """
+    if (args.hold_out is None) != (args.hold_out_data is None):
+        raise InputError(
+            "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
+        )
+    if len(args.also) != len(args.also_data):
+        raise InputError("each --also CASE needs an --also-data FILE, in the same order")
+    more: dict[str, Any] = {}
+    if args.hold_out is not None:
+        more["hold_out"] = (_load(comm, args.hold_out), args.hold_out_data)
+    if args.also:
+        cases = [_load(comm, path) for path in args.also]
+        more["also"] = list(zip(cases, args.also_data, strict=True))
+    if args.weights is not None:
+        more["weights"] = _numbers(args.weights)
+    case, directory = _case_and_folder(comm, args)
+    from .calibrate import calibrate_case
+
+    calibrate_case(comm, case, args.data, directory, args.log, **more)
+
+
+def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Two results, or a result and a measured curve: curves and differences.
+
+    A and B are folders of results, or CSV files of a measured displacement and force. Their curves
+    are laid over each other in the folder of --output, by default "comparison".
+
+    Example: cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv
+    """
+    from .compare import compare_command
+
+    compare_command(comm, args.a, args.b, args.output or "comparison", args.log)
+
+
+def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Write a commented case file to begin with.
+
+    Without FILE it goes onto the screen.
+
+    Example: cruciform-petsc new picture-frame my_frame.toml
+    """
+    from .case.template import new_case, write_new_case
+    from .parallel import on_root
+
+    if args.file is None:
+        text = new_case(args.kind).rstrip()
+    else:
+        on_root(comm, lambda: write_new_case(args.kind, args.file))
+        text = f'wrote "{args.file}"; try: {PROGRAM} check {args.file}'
+    if comm.rank == 0:
+        print(text)
+
+
+def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """List the library of fabrics.
+
+    Example: cruciform-petsc fabrics
+    """
+    if comm.rank == 0:
+        print(fabric_table())
+
+
+def _load(comm: MPI.Intracomm, path: str, overrides: Sequence[str] = ()) -> Case:
+    from .case.schema import Case
+
+    return Case.load_collective(comm, path, overrides)
+
+
+def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Case, Path]:
+    """Read the case and make the folder of its results. Collective."""
+    from .output.folder import prepare_directory
+
+    case = _load(comm, args.case, args.set)
     if args.output is not None:
         output = case.output.model_copy(update={"directory": args.output})
         case = case.model_copy(update={"output": output})
-    directory = prepare_directory(comm, case.output.directory)
-    _start_petsc(petsc_options)
-    if args.command == "calibrate":
-        from .calibrate import calibrate_case
-
-        more: dict[str, Any] = {} if other is None else {"hold_out": (other, args.hold_out_data)}
-        if also:
-            more["also"] = list(zip(also, args.also_data, strict=True))
-        if args.weights is not None:
-            more["weights"] = _numbers(args.weights)
-        calibrate_case(comm, case, args.data, directory, log, **more)
-    else:
-        running.append(directory)
-        from .run import run_case
-
-        run_case(comm, case, directory, log)
+    return case, prepare_directory(comm, case.output.directory)
 
 
 def _numbers(text: str) -> list[float]:
@@ -276,17 +345,6 @@ def _numbers(text: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f'--weights must be numbers like 1,0.5, got "{text}"') from None
-
-
-def _new(comm: MPI.Intracomm, kind: str, file: str | None) -> None:
-    """Write a case file to begin with, or print it. Collective."""
-    if file is None:
-        told = new_case(kind).rstrip()
-    else:
-        on_root(comm, lambda: write_new_case(kind, file))
-        told = f'wrote "{file}"; try: {PROGRAM} check {file}'
-    if comm.rank == 0:
-        print(told)
 
 
 def _start_petsc(options: list[str]) -> None:
@@ -378,129 +436,77 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command, text, example in (
-        (
-            "run",
-            "solve a case and write results",
-            "mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2",
-        ),
-        (
-            "check",
-            "read a case and report sizes, solve nothing",
-            "cruciform-petsc check demos/picture_frame.toml",
-        ),
-        (
-            "calibrate",
-            "find the shear law of a case's fabric from a measured load curve",
-            "cruciform-petsc calibrate demos/calibrate_glass_pp.toml "
-            "--data demos/glass_pp_bias.csv",
-        ),
-        (
-            "resume",
-            "go on with a run that was interrupted, on as many ranks as you like",
-            "cruciform-petsc resume results/picture_frame",
-        ),
-    ):
+
+    def command(
+        work: Callable[[MPI.Intracomm, argparse.Namespace], None],
+        *arguments: tuple[str, str],
+        options: Sequence[str] = (),
+    ) -> None:
+        """Add a command by its function, whose docstring ends with an example.
+
+        Of each argument and option: what it is called, and what it does.
+        """
+        description, _, example = cleandoc(work.__doc__ or "").rpartition("\n\n")
+        if "--set" in options:
+            example += (
+                "\nOptions with one dash after CASE go to PETSc: -cruciform_ksp_monitor, "
+                "-log_view ..."
+            )
+        what = description.partition("\n")[0].rstrip(".")
         sub = commands.add_parser(
-            command,
-            help=text,
-            description=f"{text[:1].upper()}{text[1:]}.",
-            epilog=f"Example: {example}\n"
-            "Options with one dash after CASE go to PETSc: -cruciform_ksp_monitor, -log_view ...",
+            work.__name__.strip("_"),
+            help=what[:1].lower() + what[1:],
+            description=description,
+            epilog=example,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        if command == "resume":
-            what = "the folder of the results, or the case file that tells it"
-            sub.add_argument("case", metavar="DIR|CASE", help=what)
-        else:
-            sub.add_argument("case", metavar="CASE", help="the case file (TOML)")
-        if command == "calibrate":
+        sub.set_defaults(work=work)
+        for name, text in arguments:
             sub.add_argument(
-                "--data",
-                metavar="FILE",
-                required=True,
-                help="the measured curve: CSV of displacement and force, units in the header",
+                name.rpartition("|")[2].strip("[]").lower(),
+                metavar=name.strip("[]"),
+                nargs="?" if name.startswith("[") else None,  # type: ignore[arg-type]
+                help=text,
             )
-            sub.add_argument(
-                "--also",
-                metavar="CASE",
-                action="append",
-                default=[],
-                help="a further specimen that the law shall follow, too; may be repeated",
-            )
-            sub.add_argument(
-                "--also-data",
-                metavar="FILE",
-                action="append",
-                default=[],
-                help="the measured curve of that specimen",
-            )
-            sub.add_argument(
-                "--weights", metavar="W,W,...", help="of the curves, the first one's first: 1,0.5"
-            )
-            sub.add_argument(
-                "--hold-out",
-                metavar="CASE",
-                help="another specimen of the cloth, whose curve the law found shall predict",
-            )
-            sub.add_argument(
-                "--hold-out-data", metavar="FILE", help="the measured curve of that specimen"
-            )
-        sub.add_argument(
-            "--set",
-            action="append",
-            default=[],
-            metavar="KEY=VALUE",
-            help="replace a value of the case: --set preform.refine=4",
-        )
-        if command != "check":
-            sub.add_argument("--output", metavar="DIR", help="replaces output.directory")
-        loudness = sub.add_mutually_exclusive_group()
-        loudness.add_argument("--quiet", action="store_true", help="log warnings only")
-        loudness.add_argument("--verbose", action="store_true", help="log more")
-    sub = commands.add_parser(
-        "compare",
-        help="two results, or a result and a measured curve: curves and differences",
-        description="Lay two curves over each other and tell how far they are apart.\n"
-        "A and B are folders of results, or CSV files of a measured displacement and force.",
-        epilog="Example: cruciform-petsc compare results/finite_bias_extension "
-        "demos/glass_pp_bias.csv",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        for option in options:
+            name, text = _WITH_VALUE[option]
+            more: dict[str, Any] = {"required": option == "--data"}
+            if option in _REPEATED:
+                more |= {"action": "append", "default": []}
+            sub.add_argument(option, metavar=name, help=text, **more)
+        if options:  # of the others there is nothing to log
+            loudness = sub.add_mutually_exclusive_group()
+            loudness.add_argument("--quiet", action="store_true", help="log warnings only")
+            loudness.add_argument("--verbose", action="store_true", help="log more")
+
+    case = ("CASE", "the case file (TOML)")
+    folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
+    command(_run, case, options=("--set", "--output"))
+    command(_check, case, options=("--set",))
+    command(_calibrate, case, options=tuple(_WITH_VALUE))
+    command(_resume, folder, options=("--set", "--output"))
+    command(
+        _compare,
+        ("A", "a folder of results, or a measured curve (CSV)"),
+        ("B", "another; differences are relative to this one"),
+        options=("--output",),
     )
-    sub.add_argument("a", metavar="A", help="a folder of results, or a measured curve (CSV)")
-    sub.add_argument("b", metavar="B", help="another; differences are relative to this one")
-    sub.add_argument(
-        "--output", metavar="DIR", default="comparison", help="where to write (comparison)"
+    command(
+        _new,
+        ("KIND", f"the kind of test: {', '.join(KINDS)}"),
+        ("[FILE]", "must not be there yet"),
     )
-    loudness = sub.add_mutually_exclusive_group()
-    loudness.add_argument("--quiet", action="store_true", help="log warnings only")
-    loudness.add_argument("--verbose", action="store_true", help="log more")
-    new = commands.add_parser(
-        "new",
-        help="write a commented case file to begin with",
-        description="Write a commented case file to begin with; onto the screen without FILE.",
-        epilog="Example: cruciform-petsc new picture-frame my_frame.toml",
-        allow_abbrev=False,
-    )
-    new.add_argument("kind", metavar="KIND", help=f"the kind of test: {', '.join(KINDS)}")
-    new.add_argument("file", metavar="FILE", nargs="?", help="must not be there yet")
-    commands.add_parser(
-        "fabrics",
-        help="list the library of fabrics",
-        description="List the library of fabrics.",
-        epilog="Example: cruciform-petsc fabrics",
-        allow_abbrev=False,
-    )
+    command(_fabrics)
     return parser
 
 
-def _logger(comm: MPI.Intracomm, quiet: bool, verbose: bool) -> logging.Logger:
+def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     """Make the log: to stdout on rank 0, silent on the others."""
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
+    quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     if comm.rank == 0:
         log.addHandler(logging.StreamHandler(sys.stdout))
         log.setLevel(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
@@ -512,6 +518,9 @@ def _logger(comm: MPI.Intracomm, quiet: bool, verbose: bool) -> logging.Logger:
 
 def fabric_table() -> str:
     """Write the library of fabrics as a table, warp and weft apart where they differ."""
+    from .cloth.fabric import Fabric, fabric_names
+    from .units import format_si
+
     head = ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]
     rows = [head]
     for name in fabric_names():

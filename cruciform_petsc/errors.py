@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Errors that a user can act on: one sentence each, raised on every rank alike."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class CruciformError(Exception):
     """A problem that is told in one sentence, without a traceback; the program ends with 2."""
@@ -38,3 +41,12 @@ def shown(value: object, most: int = 80) -> str:
         return cut(repr(value), most)
     except ValueError:  # Python does not write whole numbers of thousands of digits
         return "a number of thousands of digits"
+
+
+def unknown(what: str, name: object, known: Iterable[str]) -> InputError:
+    """There is no such thing; the closest of those that there are, and all of them."""
+    known = list(known)
+    close = get_close_matches(str(name), known, 1, 0.5)
+    hint = f'did you mean "{close[0]}"? ' if close else ""
+    quoted = ", ".join(f'"{one}"' for one in known)
+    return InputError(f"there is no {what} ({hint}known: {quoted})")

@@ -18,14 +18,8 @@ from .compare import against_measured, check_measured, load_line
 from .continuum.compare import Reference
 from .equilibrium.newton import EquilibriumError
 from .errors import InputError, SolverError
-from .experiments.bias_extension import BiasExtension
-from .experiments.biaxial import Biaxial
-from .experiments.cantilever import Cantilever
-from .experiments.experiment import Experiment
 from .experiments.limits import warnings
-from .experiments.off_axis import OffAxisTension
-from .experiments.pantograph import Pantograph
-from .experiments.picture_frame import PictureFrame
+from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult
 from .net.network import Network
 from .output import figures, paraview, tables
@@ -40,16 +34,6 @@ from .output.report import write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
 
-# Class of each kind of test, and what its table in the case has besides.
-KINDS: dict[str, tuple[type[Experiment], tuple[str, ...]]] = {
-    "bias-extension": (BiasExtension, ("upper", "model")),
-    "biaxial": (Biaxial, ("ratio",)),
-    "cantilever": (Cantilever, ()),
-    "off-axis-tension": (OffAxisTension, ("ends",)),
-    "pantograph": (Pantograph, ()),
-    "picture-frame": (PictureFrame, ()),
-}
-
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
@@ -60,39 +44,9 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("           %d unknowns", per_node * network.num_nodes_global)
-    experiment = make_experiment(case, network)
+    experiment = case.experiment(network)
     for sentence in experiment.check():
         log.info("           %s", sentence)
-
-
-def make_experiment(
-    case: Case, network: Network, *, bending: bool | None = None, controls: Any = None
-) -> Experiment:
-    """Make the experiment that a case describes.
-
-    Parameters
-    ----------
-    case : Case
-    network : Network
-        Of the case, or a finer one.
-    bending : bool, optional
-        In place of the case's.
-    controls : float or list of float, optional
-        Extensions (angles, strains, a cantilever's loads) in SI, in place of the case's values.
-    """
-    test = case.test
-    key, values = test.control, test.values_si if test.is_curve else test.values_si[0]
-    if controls is not None:
-        key, values = next(iter(test.controls)), controls
-    options: dict[str, Any] = {
-        "finite": test.finite,
-        "bending": test.bending if bending is None else bending,
-        "increments": test.increments,
-        "options": case.solver.options,
-        key: values,
-    }
-    make, more = KINDS[test.kind]
-    return make(network, **options, **{name: getattr(test, name) for name in more})
 
 
 def run_case(
@@ -136,7 +90,7 @@ def _run_case(
     log.info("%s", case.title)
     logs.tell_program(log, comm.size)
     network, statistics = _make_network(comm, case, stages)
-    experiment = make_experiment(case, network)
+    experiment = case.experiment(network)
     progress = Progress(experiment, directory / "increments.csv", log)
     checkpoint = _take_folder(comm, case, directory, log, checkpoint)
     if checkpoint is not None:
@@ -145,7 +99,7 @@ def _run_case(
         log.info("           if interrupted, continue with: %s", command)
 
     failure: SolverError | None = None
-    size = "finite deformation" if case.test.finite else f"{case.test.model} model"
+    size = "finite deformation" if case.test.finite else f"{experiment.model} model"
     with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
         try:
             with _telling_how_to_resume(checkpoint), progress.bar():
@@ -258,13 +212,13 @@ def _solve_without_bending(
 ) -> TestResult | None:
     """The last state of a small test without yarn bending, where that is compared. Collective."""
     wanted = case.output.pictures or case.continuum.compare
-    comparable = result.experiment.has_zones and case.test.model == "coupled"
+    comparable = result.experiment.has_zones and result.experiment.model == "coupled"
     moved = result.extension != 0.0  # a list may end at rest
     if case.test.finite or not (moved and case.test.bending and comparable and wanted):
         return None
     with stages.stage("solve_without_bending", "the same without yarn bending, to compare"):
         extension = float(result.extension)
-        experiment = make_experiment(case, result.network, bending=False, controls=extension)
+        experiment = case.experiment(result.network, bending=False, controls=extension)
         without = experiment.solve()
     summary["without_bending"] = {
         "load_n": without.load,
@@ -280,7 +234,7 @@ def _check_comparison(case: Case) -> None:
     if not asked:
         return
     kind = case.test.kind
-    compared = [name for name, (made, _) in KINDS.items() if made.reference]
+    compared = [name for name in KINDS if kind_class(name).reference]
     if kind not in compared:
         raise InputError(
             f'continuum.{asked[0]}: there is no membrane to compare test.kind = "{kind}" with '
@@ -374,7 +328,7 @@ def _climb_ladder(case: Case, stages: Stages, reference: Reference, summary, dir
     for refine in case.continuum.ladder or ():
         with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
             network = Network(comm, case.preform(refine=refine), case.fabric())
-            finer = make_experiment(case, network, bending=case.second_gradient, controls=controls)
+            finer = case.experiment(network, bending=case.second_gradient, controls=controls)
             rungs.append({"refine": refine} | reference.rung(finer))
     if rungs:
         summary["continuum"]["ladder"] = rungs

@@ -12,11 +12,11 @@ import math
 import re
 from functools import lru_cache
 from numbers import Real
-from typing import Any, overload
+from typing import Any, Self
 
 import pint
 
-from cruciform_petsc.errors import InputError, cut, shown
+from .errors import InputError, cut, shown
 
 _DEFINITIONS = """
 giga- = 1e9 = G-
@@ -51,7 +51,7 @@ yarn = count
 """
 
 # SI unit -> what it measures, an example, the unit that logs use.
-_KINDS = {
+MEASURES = {
     "N/m": ("a force per width", "520 N/cm", "N/cm"),
     "1/m": ("a number per length", "2.4 /cm", "/cm"),
     "N*m**2": ("a flexural rigidity", "0.6 N mm^2", "N mm^2"),
@@ -72,6 +72,29 @@ _NUMBER = re.compile(rf"\s*([+-]?{_UNSIGNED})(.*)", re.DOTALL)
 _PER_SOME = re.compile(rf"([^/]*)/\s*({_UNSIGNED})\s*([^\W\d][^/]*)")
 
 
+class Quantity(str):
+    """A quantity as it was written ("2.4 cm"), which keeps its value: it is parsed once.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit, as for `parse`.
+    si : float
+        Value in it.
+    """
+
+    unit: str = ""
+    si: float = math.nan
+
+    @classmethod
+    def read(cls, value: Any, unit: str, *, column: bool = False, bare: bool = False) -> Self:
+        """Parse a quantity (see `parse`), or with `column` a unit by itself, its value in SI."""
+        si = parse_unit(value, unit) if column else parse(value, unit, bare=bare)
+        quantity = cls(value if isinstance(value, str) else f"{si!r} {unit}")
+        quantity.unit, quantity.si = unit, si
+        return quantity
+
+
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry:
     """Make the registry; once, because that takes a moment."""
@@ -83,7 +106,7 @@ def _registry() -> pint.UnitRegistry:
 @lru_cache(maxsize=256)
 def _factor(text: str, unit: str) -> float:
     """Return how many `unit` one `text` is; ValueError says in words why it is none."""
-    kind, example, _ = _KINDS[unit]
+    kind, example, _ = MEASURES[unit]
     if unit == "1":
         if text not in _STRAINS:
             raise ValueError(
@@ -129,7 +152,9 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
     ValueError
         The end of a sentence that begins with the key.
     """
-    kind, example, _ = _KINDS[unit]
+    if isinstance(value, Quantity) and value.unit == unit:
+        return value.si
+    kind, example, _ = MEASURES[unit]
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -182,7 +207,7 @@ def parse_unit(value: Any, unit: str) -> float:
     ValueError
         The end of a sentence that begins with the key.
     """
-    kind, example, usual = _KINDS[unit]
+    kind, example, usual = MEASURES[unit]
     if not isinstance(value, str) or not value.strip():
         raise ValueError(f'must be the unit of {kind} in quotes like "{usual}", got {shown(value)}')
     try:
@@ -192,62 +217,19 @@ def parse_unit(value: Any, unit: str) -> float:
         raise ValueError(f'= "{cut(value)}" {problem}') from None
 
 
-@overload
-def to_si(value: list[Any], unit: str, key: str, *, bare: bool = ...) -> list[float]: ...
-@overload
-def to_si(value: Any, unit: str, key: str, *, bare: bool = ...) -> float: ...
-def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float | list[float]:
-    """Turn a quantity with its unit, or a list of them, into SI numbers.
+def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float:
+    """Do what `parse` does, for scripts; what is wrong is an InputError that begins with the key.
 
-    Parameters
-    ----------
-    value : str or list of str
-        "520 N/cm", "2.4 /cm", "2.4 ends/cm", "1/4.8 mm", "0.6 N mm^2", "45 deg", "1 mm", "2 N",
-        "1 %", "576 g/m^2", "2.5 g/cm^3".
-    unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2" or
-        "kg/m**3".
-    key : str
-        Where the value stands, for the message: "fabric.warp.modulus".
-    bare : bool
-        Take a number without unit as SI already (scripts may, case files may not).
-
-    Returns
-    -------
-    float or list of float
-
-    Raises
-    ------
-    InputError
-        No unit, an unknown one, a wrong dimension, no finite number, an empty list.
-
-    Examples
-    --------
     >>> to_si("520 N/cm", "N/m", "modulus")
     52000.0
-    >>> to_si(["1 mm", "2 cm"], "m", "extension")
-    [0.001, 0.02]
     >>> to_si("45", "rad", "bias_angle")
     Traceback (most recent call last):
     cruciform_petsc.errors.InputError: bias_angle = "45" has no unit, write for example "45 deg"
     """
-    if isinstance(value, list):
-        if not value:
-            raise InputError(f"{key} is an empty list, give at least one value")
-        return [to_si(item, unit, f"{key}[{i}]", bare=bare) for i, item in enumerate(value)]
     try:
         return parse(value, unit, bare=bare)
     except ValueError as error:
         raise InputError(f"{key} {error}") from None
-
-
-def describe(unit: str) -> tuple[str, str, str]:
-    """What an SI unit measures, an example, and the unit that logs use.
-
-    >>> describe("m")
-    ('a length', '1 mm', 'mm')
-    """
-    return _KINDS[unit]
 
 
 def format_si(value: float, unit: str) -> str:
@@ -256,5 +238,5 @@ def format_si(value: float, unit: str) -> str:
     >>> format_si(52000.0, "N/m")
     '520 N/cm'
     """
-    shown = _KINDS[unit][2]
+    shown = MEASURES[unit][2]
     return f"{value / _factor(shown, unit):.6g} {shown}"

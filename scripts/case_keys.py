@@ -8,16 +8,22 @@ With --check nothing is written; exit code 1 if the page is not what the schema 
 
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, PlainValidator
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
-from cruciform_petsc.case.template import choices, own_keys_first, toml_value
-from cruciform_petsc.units import describe
+from cruciform_petsc.cloth import fabric, preform
+from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
+from cruciform_petsc.experiments.table import TestTable
+from cruciform_petsc.fields import Of, Table
+from cruciform_petsc.units import MEASURES
 
 PAGE = Path(__file__).parents[1] / "docs" / "case-file.md"
 
@@ -33,24 +39,26 @@ keys are refused.
 
 # What is not one value, in words.
 _SHAPES: dict[Any, str] = {
-    case.Point: "a pair of lengths",
-    case.Ring: "a list of 3 or more pairs of lengths",
-    list[case.Ring]: "a list of lists of pairs of lengths",
-    case.Pairs: "a list of pairs of numbers",
-    case.Counts: "a list of whole numbers from 1 up",
+    fields.Point: "a pair of lengths",
+    fields.Sides: "a pair of lengths",
+    fields.Ring: "a list of 3 or more pairs of lengths",
+    list[fields.Ring]: "a list of lists of pairs of lengths",
+    fields.Pairs: "a list of pairs of numbers",
+    list[fields.Pair]: "a list of pairs of numbers",
+    fields.Counts: "a list of whole numbers from 1 up",
 }
 
 # Tables by where they stand, in the order of the page.
-_TABLES: tuple[tuple[str, type[BaseModel]], ...] = (
+_TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("Outside all tables", case.Case),
-    ("`[fabric]`", case.FabricTable),
-    ("`fabric.warp`, `fabric.weft`", case.YarnTable),
-    ("`fabric.warp.tension`, `fabric.weft.tension`", case.TensionLawTable),
-    ("`fabric.shear`", case.ShearTable),
-    ("`fabric.tension`", case.TensionTable),
-    ("`[preform]`", case.PreformTable),
-    ("`preform.outline`", case.OutlineTable),
-    ("`[test]`, every kind", case.TestTable),
+    ("`[fabric]`", fabric.FabricTable),
+    ("`fabric.warp`, `fabric.weft`", fabric.YarnTable),
+    ("`fabric.warp.tension`, `fabric.weft.tension`", fabric.TensionLawTable),
+    ("`fabric.shear`", fabric.ShearTable),
+    ("`fabric.tension`", fabric.TensionTable),
+    ("`[preform]`", preform.PreformTable),
+    ("`preform.outline`", preform.OutlineTable),
+    ("`[test]`, every kind", TestTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),
     ("`[output]`", case.OutputTable),
@@ -62,32 +70,23 @@ def page() -> str:
     parts = [_HEAD]
     for title, model in _TABLES:
         parts.append(f"## {title}\n\n{_table(model, list(model.model_fields))}")
-        if model is case.TestTable:
-            parts += [_kind(kind) for kind in _kinds()]
+        if model is TestTable:
+            parts += [_kind(kind, kind_class(kind).table) for kind in KINDS]
     return "\n".join(parts)
 
 
-def _kinds() -> list[type[case.TestTable]]:
-    tagged = get_args(get_args(case.AnyTest)[0])
-    return [get_args(kind)[0] for kind in tagged]
-
-
-def _kind(model: type[case.TestTable]) -> str:
-    name = choices(model.model_fields["kind"].annotation)[0]
-    keys = [k for k in own_keys_first(model) if k not in case.TestTable.model_fields]
+def _kind(name: str, model: type[TestTable]) -> str:
     doc = " ".join((model.__doc__ or "").split())
     more = " The yarns run along the edges of a rectangle." if model.along_the_yarns else ""
-    default = " The default kind." if not model.model_fields["kind"].is_required() else ""
-    return f'### `kind = "{name}"`\n\n{doc}{more}{default}\n\n{_table(model, keys)}'
+    default = " The default kind." if name == DEFAULT else ""
+    return f'### `kind = "{name}"`\n\n{doc}{more}{default}\n\n{_table(model, model.own_keys())}'
 
 
-def _table(model: type[BaseModel], keys: list[str]) -> str:
+def _table(model: type[Table], keys: list[str]) -> str:
     rows = ["| key | what it is | default | what it does |", "|---|---|---|---|"]
     for key in keys:
         field = model.model_fields[key]
-        what = field.description or ""
-        if field.examples and not _is_quantity(field):
-            what += f" Example: `{toml_value(field.examples[0])}`"
+        what = " ".join((field.description or "").split())
         cells = [f"`{field.alias or key}`", kind_of(field), _default(field), what]
         rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
@@ -98,47 +97,33 @@ def _default(field: FieldInfo) -> str:
         return "must be given"
     if field.default is None or isinstance(field.default, BaseModel):
         return "optional"
-    return f"`{toml_value(field.default)}`"
+    return f"`{_toml(field.default)}`"
 
 
-def _is_quantity(field: FieldInfo) -> bool:
-    """Whether the first column of words shows the example already."""
-    return _checked(_parts(field.annotation) + field.metadata) is not None
-
-
-def _parts(annotation: Any) -> list[Any]:
-    """What annotates an optional type."""
-    inner = [arg for arg in get_args(annotation) if get_origin(arg) is Annotated]
-    return list(get_args(inner[0])[1:]) if len(inner) == 1 else []
-
-
-def _checked(metadata: list[Any]) -> case.Checked | None:
-    for item in metadata:
-        if isinstance(item, PlainValidator) and isinstance(item.func, case.Checked):
-            return item.func
-    return None
+def _toml(value: Any) -> str:
+    """Write a value as TOML."""
+    return "{}" if isinstance(value, Mapping) else json.dumps(value, ensure_ascii=False)
 
 
 def kind_of(field: FieldInfo) -> str:
     """Type of a key, its unit and an example in words."""
     annotation, metadata = field.annotation, list(field.metadata)
-    if type(None) in get_args(annotation):  # optional
+    if get_origin(annotation) is not Literal and type(None) in get_args(annotation):  # optional
         (annotation,) = (arg for arg in get_args(annotation) if arg is not type(None))
     if annotation in _SHAPES:
         return _SHAPES[annotation]
     if get_origin(annotation) is Annotated:
-        annotation, *more = get_args(annotation)
-        metadata += more
-    checked = _checked(metadata)
-    if checked is not None:
-        what, example, unit = describe(checked.unit)
-        if checked.bare:
-            return f'the unit of {what}, `"{unit}"`'
-        example = next((e for e in field.examples or () if isinstance(e, str)), example)
-        return f'{what}, `"{example}"`' + (", or a list of them" * (annotation is not str))
-    if choices(annotation):
-        return " or ".join(f'`"{choice}"`' for choice in choices(annotation))
-    limits = [m for item in metadata for m in getattr(item, "metadata", [item])]
+        annotation, *metadata = get_args(annotation)
+    for item in metadata:
+        if isinstance(item, Of):
+            what, example, unit = MEASURES[item.unit]
+            if item.column:
+                return f'the unit of {what}, `"{unit}"`'
+            several = ", or a list of them" if item.many else ""
+            return f'{what}, `"{item.example or example}"`{several}'
+    if get_origin(annotation) is Literal:
+        return " or ".join(f'`"{choice}"`' for choice in get_args(annotation))
+    limits = [limit for item in metadata for limit in getattr(item, "metadata", [item])]
     least = next((limit.ge for limit in limits if hasattr(limit, "ge")), None)
     names = {int: "whole number", str: "text", bool: "`true` or `false`", float: "number"}
     name = names.get(annotation, "table")

@@ -17,20 +17,23 @@ import argparse
 import contextlib
 import faulthandler
 import io
+import json
 import math
 import multiprocessing
 import random
 import re
+import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from functools import lru_cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 # The parent starts processes and is no rank itself: what needs MPI is imported in the workers.
-from cruciform_petsc.case.template import KINDS, new_case, toml_value
+from cruciform_petsc.experiments.registry import KINDS
 
 MEMORY = 500_000_000  # bytes
 OK, REFUSED, FAULT, HANG = "ok", "refused", "traceback", "hang"
@@ -154,7 +157,7 @@ class Maker:
 
     def good(self) -> dict[str, Any]:
         """A case that should be good, though its lattice may not fit its outline."""
-        kind = self.random.choice(KINDS)
+        kind = self.random.choice(tuple(KINDS))
         upright = kind in ("picture-frame", "biaxial", "cantilever")
         test: dict[str, Any] = {"kind": kind, "finite": self.random.random() < 0.5}
         control = {
@@ -235,8 +238,7 @@ class Maker:
         if how == 2:
             return text[: self.random.randint(0, len(text))]
         if how == 3:
-            kind = self.random.choice(KINDS)
-            lines = new_case(kind).encode().splitlines(keepends=True)
+            lines = self.random.choice(new_cases()).encode().splitlines(keepends=True)
             return b"".join(
                 line[2:] if line.startswith(b"# ") and self.random.random() < 0.2 else line
                 for line in lines
@@ -283,8 +285,27 @@ def toml(data: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@lru_cache(maxsize=1)
+def new_cases() -> list[str]:
+    """What `new` writes, from a process of its own."""
+    code = (
+        "import json\n"
+        "from cruciform_petsc.case.template import new_case\n"
+        "from cruciform_petsc.experiments.registry import KINDS\n"
+        "print(json.dumps([new_case(kind) for kind in KINDS]))"
+    )
+    command = [sys.executable, "-c", code]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
 def _value(value: Any) -> str:
-    return toml_value(value).replace("NaN", "nan").replace("Infinity", "inf").replace("\x7f", "")
+    """Write a value as TOML, on one line."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_value(entry)}' for key, entry in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(entry) for entry in value)}]"
+    text = json.dumps(value, ensure_ascii=False)
+    return text.replace("NaN", "nan").replace("Infinity", "inf").replace("\x7f", "")
 
 
 def work(connection: Connection, folder: str) -> None:

@@ -367,7 +367,7 @@ def test_collective_loading(tmp_path, case):
     script.write_text(
         "import sys\n"
         "from mpi4py import MPI\n"
-        "from cruciform_petsc.case import Case\n"
+        "from cruciform_petsc import Case\n"
         "from cruciform_petsc.parallel import on_root\n"
         "comm = MPI.COMM_WORLD\n"
         "case = Case.load_collective(comm, sys.argv[1], ['preform.refine=3'])\n"

@@ -9,7 +9,7 @@ import pytest
 
 @pytest.mark.parametrize(
     "name",
-    ["units", "cloth.fabric", "cloth.preform", "laws", "case.template", "calibration.bending"],
+    ["units", "cloth.fabric", "cloth.preform", "laws", "calibration.bending"],
 )
 def test_examples(name):
     """Each module's examples run, and there are some."""

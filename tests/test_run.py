@@ -24,7 +24,7 @@ from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.folder import RESULTS
 from cruciform_petsc.output.report import CAPTIONS
 from cruciform_petsc.quantities import quantity
-from cruciform_petsc.run import check_case, make_experiment, run_case
+from cruciform_petsc.run import check_case, run_case
 
 LOG = logging.getLogger("test_run")
 SHEAR = {"law": "polynomial", "coefficients": ["0.1 N/mm", "0.2 N/mm"]}
@@ -255,7 +255,7 @@ def test_also_if_no_value_asked_for_was_reached(tmp_path):
 
 
 def warned(made):
-    experiment = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric()))
+    experiment = made.experiment(Network(MPI.COMM_SELF, made.preform(), made.fabric()))
     return warnings(experiment.solve())
 
 
@@ -353,8 +353,8 @@ def test_controls_for_people():
     for kind, text in texts.items():
         made = case(kind, **KINDS[kind])
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        assert make_experiment(made, network).column.text(0.0125) == text
-    assert make_experiment(made, network).column.text(3.0) == "load 3 N"
+        assert made.experiment(network).column.text(0.0125) == text
+    assert made.experiment(network).column.text(3.0) == "load 3 N"
 
 
 def test_kinematics_of_an_inextensible_net():
@@ -363,7 +363,7 @@ def test_kinematics_of_an_inextensible_net():
     def angle(extension, **changes):
         made = case(**({"size": ("2 cm", "6 cm"), "extension": "1 mm"} | changes))
         network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
-        gauge = make_experiment(made, network).net_gauge()
+        gauge = made.experiment(network).net_gauge()
         return None if gauge is None else np.rad2deg(net_angle(np.array(extension), gauge))
 
     locked = 0.04 * (np.sqrt(2.0) - 1.0)
@@ -373,7 +373,7 @@ def test_kinematics_of_an_inextensible_net():
     np.testing.assert_allclose(angle([d]), [30.0])
     assert np.isnan(angle([0.02])[0])
     made = case(size=("2 cm", "6 cm"), extension="1 mm")
-    told = make_experiment(made, Network(MPI.COMM_SELF, made.preform(), made.fabric())).check()
+    told = made.experiment(Network(MPI.COMM_SELF, made.preform(), made.fabric())).check()
     assert "lie along the pull at an extension of 16.57 mm" in told[-1]
     for changes in ({"size": ("2 cm", "3.9 cm")}, {"bias": "40 deg"}, {"upper": "centre-line"}):
         assert angle([0.0], **changes) is None

@@ -17,29 +17,28 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ValidationInfo, field_validator, model_validator
 
-from ..errors import InputError, shown
+from ..errors import InputError, unknown
+from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import format_si, parse_unit, to_si
+from ..units import Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
-
-# The laws of case files, and the keys that each takes.
+# Keys that a law of shear takes.
 _SHEAR_LAWS = {
+    None: ("modulus",),
     "table": ("angle", "force", "points"),
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
-_TENSION_LAWS = {"table": ("strain", "force", "points")}
-_STRAINS = ("engineering", "log")
 # What only exports need, with its SI unit.
 _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
@@ -127,42 +126,25 @@ class Fabric:
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
-        for side in ("warp", "weft"):
-            family = getattr(self, side)
-            for name in ("modulus", "poisson", "yarns", "yarn_bending"):
-                _check_float(f"fabric.{side}.{name}", getattr(family, name))
-        _check_float("fabric.shear.modulus", self.shear_modulus)
-        _check_float("fabric.tension.compression", self.compression)
-        _check_float("fabric.tension.compression_width", self.compression_width)
-        _check_slope("fabric.shear", self.shear_law, self.shear_modulus, "shear_modulus")
+        _check_slope("shear", self.shear_law, self.shear_modulus, "shear_modulus")
         for side, law in (("warp", self.warp_law), ("weft", self.weft_law)):
             family = getattr(self, side)
-            _check_slope(f"fabric.{side}.tension", law, family.modulus, f"{side}.modulus")
+            _check_slope(f"{side}.tension", law, family.modulus, f"{side}.modulus")
             if law is not None and family.poisson != 0.0:
                 raise InputError(
                     f"fabric.{side}.tension is a law, which needs fabric.{side}.poisson = 0, "
                     f"got {family.poisson:g}"
                 )
-        if not 0.0 < self.compression <= 1.0:
-            raise InputError(
-                "fabric.tension.compression must be above 0 and at most 1, "
-                f"got {self.compression:g}"
-            )
-        if not 0.0 < self.compression_width < math.inf:
-            raise InputError(
-                "fabric.tension.compression_width must be positive and finite, "
-                f"got {self.compression_width:g}"
-            )
-        for side, family in (("warp", self.warp), ("weft", self.weft)):
-            _check(f"fabric.{side}.modulus", family.modulus, "N/m")
-            _check(f"fabric.{side}.yarns", family.yarns, "1/m")
-            _check(f"fabric.{side}.yarn_bending", family.yarn_bending, "N*m**2", zero=True)
-            if not math.isfinite(family.poisson):
-                raise InputError(f"fabric.{side}.poisson must be finite, got {family.poisson}")
-        _check("fabric.shear.modulus", self.shear_modulus, "N/m")
+            _check(f"{side}.modulus", family.modulus, "N/m")
+            _check(f"{side}.poisson", family.poisson, least=-math.inf, wanted="finite")
+            _check(f"{side}.yarns", family.yarns, "1/m")
+            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", least=0.0)
+        _check("shear.modulus", self.shear_modulus, "N/m")
+        _check("tension.compression", self.compression, most=1.0, wanted="above 0 and at most 1")
+        _check("tension.compression_width", self.compression_width)
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
-                _check(f"fabric.{name}", getattr(self, name), unit)
+                _check(name, getattr(self, name), unit)
         fraction = self.fibre_volume_fraction
         if self.thickness is not None and fraction is not None and fraction > 1.0:
             raise InputError(
@@ -188,70 +170,17 @@ class Fabric:
             )
 
     @classmethod
-    def from_table(cls, name: str, table: Mapping[str, Any], key: str = "fabric") -> Fabric:
+    def from_table(cls, name: str, table: Mapping[str, Any]) -> Fabric:
         """Make a fabric from values with units, laid out as in a case file.
 
         Parameters
         ----------
         name : str
         table : mapping
-            ``warp`` and ``weft``, each with ``modulus`` (or ``tension``, a law), ``poisson``,
-            ``yarns`` and maybe ``yarn_bending``; ``shear`` with ``modulus`` or a law; maybe
-            ``tension`` with ``strain, compression, compression_width``; maybe ``areal_density``,
-            ``thickness``, ``fibre_density``; maybe ``source``. docs/laws.md and docs/exports.md
-            show all of them. What is None counts as missing.
-        key : str
-            Where the table stands, for messages.
+            As ``[fabric]`` of a case file (docs/case-file.md), and maybe ``source``. What is None
+            counts as missing.
         """
-
-        def entry(*path: str, default: Any = None) -> Any:
-            value: Any = table
-            for part in path:
-                value = value.get(part, default) if isinstance(value, Mapping) else None
-            if value is None:
-                raise InputError(f"{key}.{'.'.join(path)} is missing")
-            return value
-
-        def number(*path: str) -> float:
-            return _plain_number(entry(*path), f"{key}.{'.'.join(path)}")
-
-        def quantity(unit: str, *path: str, default: Any = None) -> float:
-            return to_si(entry(*path, default=default), unit, f"{key}.{'.'.join(path)}")
-
-        def family(side: str) -> tuple[YarnFamily, Potential | None]:
-            given = table.get(side)
-            law = None
-            if isinstance(given, Mapping) and given.get("tension") is not None:
-                if given.get("modulus") is not None:
-                    raise InputError(f"{key}.{side} needs either modulus or tension, not both")
-                law = _tension_law(given["tension"], f"{key}.{side}.tension")
-            yarns = YarnFamily(
-                modulus=quantity("N/m", side, "modulus") if law is None else law.stiffness0,
-                poisson=number(side, "poisson"),
-                yarns=quantity("1/m", side, "yarns"),
-                yarn_bending=quantity("N*m**2", side, "yarn_bending", default="0 N mm^2"),
-            )
-            return yarns, law
-
-        (warp, warp_law), (weft, weft_law) = family("warp"), family("weft")
-        ply_data: dict[str, Any] = {
-            name: quantity(unit, name)
-            for name, unit in _PLY_DATA.items()
-            if table.get(name) is not None
-        }
-        shear = _shear_law(entry("shear"), f"{key}.shear")
-        return cls(
-            name,
-            warp,
-            weft,
-            shear_modulus=shear.stiffness0,
-            source=str(table.get("source", "")),
-            shear_law=None if shear.name == "linear" else shear,
-            warp_law=warp_law,
-            weft_law=weft_law,
-            **_tension_options(table.get("tension"), f"{key}.tension"),
-            **ply_data,
-        )
+        return _LibraryTable.from_data(dict(table), "fabric").build(name)
 
     @classmethod
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
@@ -275,15 +204,8 @@ class Fabric:
         Traceback (most recent call last):
         cruciform_petsc.errors.InputError: there is no fabric "e-glas-plain-2.4" in the library ...
         """
-        library = _library()
-        if name not in library:
-            close = get_close_matches(str(name), library, 1, 0.4)
-            hint = f'did you mean "{close[0]}"? ' if close else ""
-            known = ", ".join(f'"{known}"' for known in library)
-            raise InputError(f'there is no fabric "{name}" in the library ({hint}known: {known})')
-        changes = dict(changes or {})
-        replaced = f", {' and '.join(changes)} replaced" if changes else ""
-        return cls.from_table(name + replaced, library[name] | changes)
+        _published(name)
+        return FabricTable.from_data({"use": name, **(changes or {})}, "fabric").build(name)
 
     def with_shear_law(self, law: Potential) -> Fabric:
         """The same cloth with another law of shear; its modulus becomes the law's slope at rest."""
@@ -383,41 +305,35 @@ class Fabric:
         )
 
 
-def fabric_names() -> list[str]:
-    """Names of the fabrics in the library."""
-    return list(_library())
-
-
-@lru_cache(maxsize=1)
-def _library() -> dict[str, dict[str, Any]]:
-    text = (files("cruciform_petsc.cloth") / "fabrics.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
-
-
-def _check_float(key: str, value: Any) -> None:
-    """Refuse what is no number, and whole numbers of hundreds of digits."""
+def _check(
+    key: str,
+    value: Any,
+    unit: str = "",
+    *,
+    least: float | None = None,
+    most: float = math.inf,
+    wanted: str = "",
+) -> None:
+    """Refuse what is no finite number, is not above 0 (or below `least`), or above `most`."""
     try:
-        float(value)
+        number = float(value)  # a whole number of hundreds of digits is none
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{key} must be a finite number") from None
+        raise InputError(f"fabric.{key} must be a finite number") from None
+    good = number > 0.0 if least is None else number >= least
+    wanted = wanted or f"{'' if least is None else 'zero or '}positive and finite"
+    if not (good and number <= most and math.isfinite(number)):
+        got = format_si(number, unit) if unit else f"{number:g}"
+        raise InputError(f"fabric.{key} must be {wanted}, got {got}")
 
 
-def _check(key: str, value: float, unit: str, zero: bool = False) -> None:
-    """Refuse what is not positive (or, with `zero`, negative) and what is not finite."""
-    good = value >= 0.0 if zero else value > 0.0
-    if not (good and math.isfinite(value)):
-        wanted = "zero or positive" if zero else "positive"
-        raise InputError(f"{key} must be {wanted} and finite, got {format_si(value, unit)}")
-
-
-def _check_slope(key: str, law: Potential | None, modulus: float, name: str) -> None:
+def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> None:
     """Refuse a law that does not resist from the start, or with another modulus beside it."""
     if law is None:
         return
     slope = law.stiffness0
-    if not (slope > 0.0 and math.isfinite(slope)):
+    if not 0.0 < slope < math.inf:
         raise InputError(
-            f"{key} is a law whose slope at zero must be positive and finite, "
+            f"fabric.{key} is a law whose slope at zero must be positive and finite, "
             f"got {format_si(slope, 'N/m')}"
         )
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
@@ -427,121 +343,239 @@ def _check_slope(key: str, law: Potential | None, modulus: float, name: str) -> 
         )
 
 
-def _shear_law(value: Any, key: str) -> Potential:
-    """Read ``shear``: a modulus or a law."""
-    given = _entries(value, key)
-    if given.get("law") is None:
-        _only(given, ("modulus",), key, "without law")
-        if "modulus" not in given:
-            raise InputError(f"{key} needs modulus or law")
-        return linear(to_si(given["modulus"], "N/m", f"{key}.modulus"))
-    if "modulus" in given:
-        raise InputError(f"{key} needs either modulus or law, not both")
-    law = _law_name(given, _SHEAR_LAWS, key)
-    if law == "table":
-        # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
-        return _points(given, "angle", "rad", key, 0.5 * math.pi, "deg")
-    values = given["coefficients"]
-    values = values if isinstance(values, list) else [values]
-    coefficients = to_si(values, "N/m", f"{key}.coefficients")
-    return odd_polynomial(coefficients) if law == "polynomial" else sin_powers(coefficients)
+# -- tables of case files, from which fabrics are built --------------------------------------------
 
 
-def _tension_law(value: Any, key: str) -> Potential:
-    """Read ``warp.tension`` or ``weft.tension``: a law."""
-    given = _entries(value, key)
-    _law_name(given, _TENSION_LAWS, key)
-    return _points(given, "strain", "1", key, 1.0, "%")
-
-
-def _tension_options(value: Any, key: str) -> dict[str, Any]:
-    """Read ``tension``: which strain, and what becomes of yarns in compression."""
-    given = {} if value is None else _entries(value, key)
-    _only(given, ("strain", "compression", "compression_width"), key)
-    options: dict[str, Any] = {}
-    if "strain" in given:
-        if given["strain"] not in _STRAINS:
-            raise InputError(
-                f"{key}.strain must be {_either(_STRAINS)}, got {shown(given['strain'])}"
-            )
-        options["log_strain"] = given["strain"] == "log"
-    for name in ("compression", "compression_width"):
-        if name in given:
-            options[name] = _plain_number(given[name], f"{key}.{name}")
-    return options
-
-
-def _entries(value: Any, key: str) -> dict[str, Any]:
-    """Return what is given in a table; None is not."""
-    if not isinstance(value, Mapping):
-        raise InputError(f"{key} must be a table, got {shown(value)}")
-    return {name: entry for name, entry in value.items() if entry is not None}
-
-
-def _only(given: Mapping[str, Any], known: tuple[str, ...], key: str, when: str = "") -> None:
-    """Refuse keys that would have no effect."""
-    for name in given:
-        if name not in known:
-            takes = f"takes {', '.join(known)}" + (f" {when}" if when else "")
-            raise InputError(f"{key} {takes}, not {name}")
-
-
-def _law_name(given: Mapping[str, Any], laws: Mapping[str, tuple[str, ...]], key: str) -> str:
-    """Return the law's name; its keys must be there, and no others."""
-    if "law" not in given:
-        raise InputError(f"{key}.law is missing")
-    law = given["law"]
-    if law not in laws:
-        raise InputError(f"{key}.law must be {_either(tuple(laws))}, got {shown(law)}")
-    _only(given, ("law", *laws[law]), key, f'with law = "{law}"')
-    for name in laws[law]:
-        if name not in given:
-            raise InputError(f"{key}.{name} is missing")
-    return law
-
-
-def _either(names: tuple[str, ...]) -> str:
-    quoted = [f'"{name}"' for name in names]
-    return " or ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(quoted) > 1 else quoted[0]
-
-
-def _points(
-    given: Mapping[str, Any], over: str, unit: str, key: str, most: float, meant: str
-) -> Potential:
-    """Read a table of points, columns ``over`` and force, with a unit for each column."""
-    factors = []
-    for name, si in ((over, unit), ("force", "N/m")):
-        try:
-            factors.append(parse_unit(given[name], si))
-        except ValueError as error:
-            raise InputError(f"{key}.{name} {error}") from None
-    points = given["points"]
-    if not isinstance(points, list | tuple) or not points:
-        raise InputError(
-            f"{key}.points must be a list like [[0, 0], [10, 0.01]], got {shown(points)}"
-        )
-    columns: list[list[float]] = [[], []]
-    for i, point in enumerate(points):
-        if not isinstance(point, list | tuple) or len(point) != 2:
-            raise InputError(
-                f"{key}.points[{i}] must be a pair like [10, 0.01], got {shown(point)}"
-            )
-        for j, value in enumerate(point):
-            number = _plain_number(value, f"{key}.points[{i}][{j}]")
-            columns[j].append(factors[j] * number)
-    largest = max(columns[0])
-    if largest > most * (1.0 + 1e-9):  # 90 degrees are 90 degrees
-        raise InputError(
-            f'{key}.points go up to {format_si(largest, unit)}, is {over} = "{meant}" meant?'
-        )
+def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str) -> Potential:
+    """A law through points in the units `x` and `y`; `most` is the largest x in the usual unit."""
+    columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
+    limit = Quantity.read(most, x.unit)
+    if max(columns[0]) > limit.si * (1.0 + 1e-9):  # 90 degrees are 90 degrees
+        over, unit = ("angle", "deg") if x.unit == "rad" else ("strain", "%")
+        largest = format_si(max(columns[0]), x.unit)
+        raise ValueError(f'.points go up to {largest}, is {over} = "{unit}" meant?')
     try:
         return table_law(*columns)
     except InputError as error:
-        raise InputError(f"{key}.points: {error}") from None
+        raise ValueError(f".points: {error}") from None
 
 
-def _plain_number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{key} must be a number, got {shown(value)}")
-    _check_float(key, value)
-    return float(value)
+class TensionLawTable(Table):
+    """[fabric] warp.tension and weft.tension: a law in place of the modulus."""
+
+    law: Literal["table"]
+    """Points, joined without bumps."""
+    strain: Annotated[Quantity, Of("1", column=True)]
+    """Unit of the first column."""
+    force: Annotated[Quantity, Of("N/m", column=True)]
+    """Unit of the second column."""
+    points: Pairs
+    """Strain and tension, rising; beyond the last point the last slope goes on.
+    Example: `[[0.5, 5], [1, 30]]`"""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> TensionLawTable:
+        self.build()
+        return self
+
+    def build(self) -> Potential:
+        """Make the law."""
+        return _law_through(self.strain, self.force, self.points, "100 %")
+
+
+class YarnTable(Table):
+    """[fabric] warp and weft."""
+
+    # before modulus, whose check asks for it
+    tension: TensionLawTable | None = None
+    """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
+    modulus: Annotated[Quantity, Of("N/m")] | None = None
+    """Tension per width over strain. Needed without tension."""
+    poisson: float
+    """Contraction of the other family when this one is pulled. Reciprocity: poisson of the weft
+    times modulus of the warp is the reverse. Example: `0.0`"""
+    yarns: Annotated[Quantity, Of("1/m")]
+    """Yarns per length across them."""
+    yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
+    """In-plane flexural rigidity of one yarn. Above zero for test.bending = true."""
+
+    @field_validator("modulus")
+    @classmethod
+    def _or_tension(cls, modulus: Quantity | None, info: ValidationInfo) -> Quantity | None:
+        if "tension" not in info.data:  # given, and wrong in itself
+            return modulus
+        if modulus is None and info.data["tension"] is None:
+            raise ValueError("is missing")
+        if modulus is not None and info.data["tension"] is not None:
+            raise ValueError("cannot stand beside tension, a law in its place")
+        return modulus
+
+    def build(self) -> tuple[YarnFamily, Potential | None]:
+        """Make the family, and its law of tension if it has one."""
+        law = None if self.tension is None else self.tension.build()
+        own = self.yarns.si, self.yarn_bending.si
+        if law is not None:
+            return YarnFamily(law.stiffness0, self.poisson, *own), law
+        assert self.modulus is not None  # the check above has seen to it
+        return YarnFamily(self.modulus.si, self.poisson, *own), None
+
+
+class ShearTable(Table):
+    """[fabric] shear: a modulus, or a law with its own keys."""
+
+    modulus: Annotated[Quantity, Of("N/m", example="0.96 N/cm")] | None = None
+    """Of a linear law. Either this or law."""
+    law: Literal["table", "polynomial", "sin-potential"] | None = None
+    """A law in place of the modulus (docs/laws.md)."""
+    angle: Annotated[Quantity, Of("rad", column=True)] | None = None
+    """Unit of the first column, with law = "table"."""
+    force: Annotated[Quantity, Of("N/m", column=True)] | None = None
+    """Unit of the second column, with law = "table"."""
+    points: Pairs | None = None
+    """Shear angle and psi', rising, with law = "table". Example: `[[10, 0.01], [40, 0.2]]`"""
+    coefficients: Annotated[Quantities, Of("N/m", many=True)] | None = None
+    """Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial",
+    k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential"."""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> ShearTable:
+        given = [key for key, value in self if value is not None and key != "law"]
+        takes = _SHEAR_LAWS[self.law]
+        if self.law is not None and self.modulus is not None:
+            raise ValueError("needs either modulus or law, not both")
+        for key in given:
+            if key not in takes:
+                keys = "modulus without law"
+                if self.law is not None:
+                    keys = f'{", ".join(("law", *takes))} with law = "{self.law}"'
+                raise ValueError(f"takes {keys}, not {key}")
+        if not given and self.law is None:
+            raise ValueError("needs modulus or law")
+        for key in takes:
+            if key not in given:
+                raise ValueError(f".{key} is missing")
+        self.build()
+        return self
+
+    def build(self) -> Potential:
+        """Make the law."""
+        if self.modulus is not None:
+            return linear(self.modulus.si)
+        if self.angle is not None and self.force is not None and self.points is not None:
+            # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
+            return _law_through(self.angle, self.force, self.points, "90 deg")
+        assert self.coefficients is not None  # the check above has seen to it
+        values = si_values(self.coefficients)
+        return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
+
+
+class TensionTable(Table):
+    """[fabric] tension: which strain, and what becomes of yarns in compression."""
+
+    strain: Literal["engineering", "log"] = "engineering"
+    """Stretch less 1, or its logarithm."""
+    compression: Number = 1.0
+    """Stiffness of yarns in compression over that in tension. Above 0, at most 1."""
+    compression_width: Number = 1e-4
+    """Strain over which the stiffness falls. About buckling stress over modulus."""
+
+
+class FabricTable(Table):
+    """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
+
+    use: str | None = None
+    """A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.
+    Example: `"glass-pp-plain-1.93"`"""
+    warp: YarnTable | None = None
+    """Values of one's own, in place of use. Example:
+    `{ modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }`"""
+    weft: YarnTable | None = None
+    """Beside warp, alike."""
+    shear: ShearTable | None = None
+    """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
+    tension: TensionTable | None = None
+    """Which strain, and yarns in compression; in place of the library's.
+    Example: `{ strain = "log", compression = 0.01 }`"""
+    areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
+    """Mass of the yarns per area. For exports (docs/exports.md)."""
+    thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
+    """Of the cloth at rest. For exports and scene.png."""
+    fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
+    """Of what the yarns consist of. For exports."""
+
+    @field_validator("use")
+    @classmethod
+    def _is_published(cls, use: str | None) -> str | None:
+        try:
+            return use if use is None or _published(use) else None
+        except InputError as error:
+            raise ValueError(f": {error}") from None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FabricTable:
+        given = [key for key in ("warp", "weft") if getattr(self, key) is not None]
+        if self.use is not None and given:
+            raise ValueError(
+                f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
+                "(beside use only shear, tension, areal_density, thickness and fibre_density may "
+                "stand)"
+            )
+        missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
+        if self.use is None and missing:
+            raise ValueError(
+                f"needs use, or warp, weft and shear ({' and '.join(missing)} missing)"
+            )
+        return self
+
+    def build(self, name: str) -> Fabric:
+        """Make the fabric; one of the library keeps its name, with what is replaced."""
+        if self.use is not None:
+            changes = {key: value for key, value in self if value is not None and key != "use"}
+            replaced = f", {' and '.join(changes)} replaced" if changes else ""
+            return _published(self.use).model_copy(update=changes).build(self.use + replaced)
+        assert self.warp is not None  # the check above has seen to these
+        assert self.weft is not None
+        assert self.shear is not None
+        warp, warp_law = self.warp.build()
+        weft, weft_law = self.weft.build()
+        shear = self.shear.build()
+        tension = self.tension or TensionTable()
+        return Fabric(
+            name,
+            warp,
+            weft,
+            shear_modulus=shear.stiffness0,
+            source=getattr(self, "source", ""),
+            shear_law=None if shear.name == "linear" else shear,
+            warp_law=warp_law,
+            weft_law=weft_law,
+            log_strain=tension.strain == "log",
+            compression=tension.compression,
+            compression_width=tension.compression_width,
+            **{key: None if (q := getattr(self, key)) is None else q.si for key in _PLY_DATA},
+        )
+
+
+class _LibraryTable(FabricTable):
+    """A fabric of fabrics.toml."""
+
+    source: str = ""
+    notes: str = ""
+
+
+@lru_cache(maxsize=1)
+def _library() -> dict[str, _LibraryTable]:
+    text = (files("cruciform_petsc.cloth") / "fabrics.toml").read_text(encoding="utf-8")
+    entries = tomllib.loads(text).items()
+    return {name: _LibraryTable.from_data(entry, f'"{name}"') for name, entry in entries}
+
+
+def _published(name: str) -> _LibraryTable:
+    if name not in _library():
+        raise unknown(f'fabric "{name}" in the library', name, _library())
+    return _library()[name]
+
+
+def fabric_names() -> list[str]:
+    """Names of the fabrics in the library."""
+    return list(_library())

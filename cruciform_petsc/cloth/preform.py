@@ -14,15 +14,17 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 import shapely
+from pydantic import Field, model_validator
 from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..units import format_si, to_si
+from ..fields import Count, Of, Point, Ring, Sides, Table, si_values
+from ..units import Quantity, format_si
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
@@ -90,24 +92,20 @@ class Preform:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("bias_angle", _angle(self.bias_angle))
-        for key in ("refine", "yarns_per_cruciform"):
-            count = getattr(self, key)
-            if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-                raise InputError(
-                    f"preform.{key} must be a whole number from 1 up, got {shown(count)}"
-                )
-            if count > _MOST:
-                raise InputError(f"preform.{key} must be at most {_MOST}")
-            put(key, int(count))
-        if self.refine > 1 and self.yarns_per_cruciform > 1:
+        given = {key: getattr(self, key) for key in LatticeTable.model_fields}
+        lattice = LatticeTable.from_data(given, "preform", bare=True)
+        angle = lattice.bias_angle.si
+        if not isinstance(self.bias_angle, str) and abs(angle) > 2.0 * math.pi:
             raise InputError(
-                f"preform.refine = {self.refine} and preform.yarns_per_cruciform = "
-                f"{self.yarns_per_cruciform} undo each other, leave one of them at 1"
+                f"preform.bias_angle = {angle:g} rad is more than a full turn, "
+                f'did you mean "{angle:g} deg"?'
             )
-        if self.origin is not None:
-            put("origin", _point(self.origin, "preform.origin"))
-            if max(map(abs, self.origin)) > _LARGEST:
+        put("bias_angle", angle)
+        put("refine", lattice.refine)
+        put("yarns_per_cruciform", lattice.yarns_per_cruciform)
+        if lattice.origin is not None:
+            put("origin", tuple(si_values(lattice.origin)))
+            if max(map(abs, si_values(lattice.origin))) > _LARGEST:
                 raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
         put("outline", _checked(self.outline))
         edges = _named_edges(self.outline)
@@ -148,15 +146,8 @@ class Preform:
         **options
             ``refine``, ``yarns_per_cruciform``, ``origin``, ``edges``.
         """
-        sides = to_si([width, length], "m", "preform.outline.rectangle", bare=True)
-        for i, side in enumerate(sides):
-            if side <= 0.0:
-                raise InputError(
-                    f"preform.outline.rectangle[{i}] must be positive, got {format_si(side, 'm')}"
-                )
-        x, y = 0.5 * sides[0], sides[1]
-        corners = [(-x, 0.0), (x, 0.0), (x, y), (-x, y)]
-        return cls.polygon(corners, holes, bias_angle, **options)
+        outline = {"rectangle": [width, length], "holes": holes}
+        return cls._cut(outline, bias_angle, options)
 
     @classmethod
     def polygon(
@@ -177,10 +168,12 @@ class Preform:
         bias_angle, **options
             As for `rectangle`.
         """
-        shell = _ring(points, "preform.outline.polygon")
-        given = _listed(holes, "preform.outline.holes")
-        rings = [_ring(hole, f"preform.outline.holes[{i}]") for i, hole in enumerate(given)]
-        return cls(shapely.Polygon(shell, rings), bias_angle, **options)  # type: ignore[arg-type]
+        return cls._cut({"polygon": points, "holes": holes}, bias_angle, options)
+
+    @classmethod
+    def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
+        table = OutlineTable.from_data(outline, "preform.outline", bare=True)
+        return cls(table.build(), bias_angle, **options)  # type: ignore[arg-type]
 
     @property
     def warp_direction(self) -> np.ndarray:
@@ -204,6 +197,18 @@ class Preform:
             return np.array(self.origin)
         x0, y0, x1, y1 = self.outline.bounds
         return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+
+    def check_along_the_yarns(self, whose: str) -> None:
+        """Raise InputError, which names `whose` need it is, if yarns do not follow its sides."""
+        exterior = shapely.Polygon(self.outline.exterior)
+        box = shapely.box(*exterior.bounds)
+        if exterior.symmetric_difference(box).area > 1e-9 * box.area:
+            raise InputError(f"{whose} needs preform.outline to be a rectangle with upright sides")
+        if abs(math.sin(2.0 * self.bias_angle)) > 1e-9:
+            raise InputError(
+                f'{whose} needs yarns along the edges: preform.bias_angle = "0 deg" or "90 deg", '
+                f'got "{format_si(self.bias_angle, "rad")}"'
+            )
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:
         """Distance between neighbouring crossovers along a warp and along a weft yarn [m].
@@ -254,15 +259,9 @@ class Preform:
 
     def _edge_list(self) -> str:
         """Write the known names, numbered ones as a range."""
-        names: list[str] = []
-        numbered: dict[str, list[str]] = {}
-        for name in self.edges:
-            match = re.fullmatch(r"(outline|hole)-\d+", name)
-            if match is None:
-                names.append(name)
-            else:
-                numbered.setdefault(match[1], []).append(name)
-        for group in numbered.values():
+        names = [name for name in self.edges if not re.fullmatch(r"(outline|hole)-\d+", name)]
+        for kind in ("outline", "hole"):
+            group = [name for name in self.edges if re.fullmatch(rf"{kind}-\d+", name)]
             names += group if len(group) < 3 else [f"{group[0]} to {group[-1]}"]
         return ", ".join(names)
 
@@ -279,37 +278,6 @@ class Preform:
 
 def _size(a: float, b: float) -> str:
     return f"{format_si(a, 'm')} x {format_si(b, 'm')}"
-
-
-def _angle(value: Any) -> float:
-    angle = to_si(value, "rad", "preform.bias_angle", bare=True)
-    if not isinstance(value, str) and abs(angle) > 2.0 * math.pi:
-        raise InputError(
-            f"preform.bias_angle = {angle:g} rad is more than a full turn, "
-            f'did you mean "{angle:g} deg"?'
-        )
-    return angle
-
-
-def _point(value: Any, key: str) -> tuple[float, float]:
-    values = list(value) if isinstance(value, Sequence | np.ndarray) else None
-    if isinstance(value, str) or values is None or len(values) != 2:
-        raise InputError(f'{key} must be a pair like ["0 mm", "5 mm"], got {shown(value)}')
-    x, y = to_si(values, "m", key, bare=True)
-    return x, y
-
-
-def _listed(value: Any, key: str) -> Sequence[Any] | np.ndarray:
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise InputError(f"{key} must be a list, got {shown(value)}")
-    return value
-
-
-def _ring(points: Any, key: str) -> list[tuple[float, float]]:
-    ring = [_point(point, f"{key}[{i}]") for i, point in enumerate(_listed(points, key))]
-    if len(set(ring)) < 3:
-        raise InputError(f"{key} must have at least 3 different corners, got {len(set(ring))}")
-    return ring
 
 
 def _checked(outline: Any) -> shapely.Polygon:
@@ -397,3 +365,77 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
     turn = ~shapely.contains_xy(outline, probe)
     array[turn] = array[turn, ::-1]
     return array
+
+
+# -- tables of case files, from which preforms are built -------------------------------------------
+
+
+class OutlineTable(Table):
+    """[preform] outline: a rectangle (width, length), or a polygon with holes."""
+
+    rectangle: Sides | None = None
+    """Width and length. x from -width/2 to width/2, y from 0 to the length.
+    Example: `["100 mm", "200 mm"]`"""
+    polygon: Ring | None = None
+    """Corners in order, in place of a rectangle. The body is pulled along y.
+    Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
+    holes: list[Ring] = Field(default=[])
+    """Corners of each hole. Example:
+    `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> OutlineTable:
+        if (self.rectangle is None) == (self.polygon is None):
+            raise ValueError("needs exactly one of rectangle and polygon")
+        return self
+
+    def build(self) -> shapely.Polygon:
+        """Make the outline, in metres; `Preform` checks it."""
+        if self.rectangle is not None:
+            width, length = si_values(self.rectangle)
+            x = 0.5 * width
+            shell = [[-x, 0.0], [x, 0.0], [x, length], [-x, length]]
+        else:
+            shell = [si_values(point) for point in self.polygon or ()]
+        holes = [[si_values(point) for point in hole] for hole in self.holes]
+        return shapely.Polygon(shell, holes)
+
+
+class LatticeTable(Table):
+    """[preform] without its outline: where the yarns run."""
+
+    bias_angle: Annotated[Quantity, Of("rad")]
+    """From the pull (y) to the warp."""
+    refine: Annotated[Count, Field(le=_MOST)] = 1
+    """A finer net of the same fabric: pitch divided by this."""
+    yarns_per_cruciform: Annotated[Count, Field(le=_MOST)] = 1
+    """A coarser net: pitch times this. Not together with refine."""
+    origin: Point | None = None
+    """A crossover's place. The default is the centre of the outline's bounding box.
+    Example: `["0 mm", "100 mm"]`"""
+
+    @model_validator(mode="after")
+    def _finer_or_coarser(self) -> Self:
+        if self.refine > 1 and self.yarns_per_cruciform > 1:
+            raise ValueError(
+                f".refine = {self.refine} and preform.yarns_per_cruciform = "
+                f"{self.yarns_per_cruciform} undo each other, leave one of them at 1"
+            )
+        return self
+
+
+class PreformTable(LatticeTable):
+    """[preform]: see `Preform`."""
+
+    outline: OutlineTable
+    """A rectangle, or a polygon with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+
+    def build(self, refine: int | None = None) -> Preform:
+        """Make the preform; `refine` replaces the table's."""
+        return Preform(
+            self.outline.build(),
+            self.bias_angle,  # type: ignore[arg-type]
+            refine=self.refine if refine is None else refine,
+            yarns_per_cruciform=self.yarns_per_cruciform,
+            origin=self.origin,  # type: ignore[arg-type]
+        )

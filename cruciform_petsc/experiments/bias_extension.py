@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import model_validator
 
 from ..errors import InputError
 from ..net.edges import Constraints
@@ -16,6 +17,37 @@ from ..small.separate import solve_separately
 from .experiment import PULL, Experiment, Grip
 from .net_kinematics import net_reach
 from .result import State, TestResult
+from .table import PullTable, TestTable
+
+
+class BiasExtensionTable(PullTable):
+    """A strip clamped at its lower edge and pulled at its upper one."""
+
+    template: ClassVar = {
+        "title": '"Bias extension, 100 mm x 200 mm"',
+        "test": """
+            # or "centre-line": What the upper edge is: a clamp, or the middle of a whole specimen
+            upper = "grip"
+            extension = ["10 mm", "20 mm"]  # By which the upper edge is pulled, one value or a list
+            # load = "0.5 N"  # Force on the upper edge, one value or a list
+            model = "coupled"  # or "separate": One system, or the paper's three
+        """,
+    }
+
+    kind: Literal["bias-extension"] = "bias-extension"
+    upper: Literal["grip", "centre-line"] = "grip"
+    """What the upper edge is: a clamp, or the middle of a whole specimen."""
+    model: Literal["coupled", "separate"] = "coupled"
+    """One system, or the paper's three. Separate for small displacements only."""
+
+    @model_validator(mode="after")
+    def _small(self) -> BiasExtensionTable:
+        if self.finite and self.model == "separate":
+            raise ValueError(
+                'has model = "separate" and finite = true, but the separate systems are for small '
+                "displacements only"
+            )
+        return self
 
 
 class BiasExtension(Experiment):
@@ -34,37 +66,20 @@ class BiasExtension(Experiment):
     model : "coupled" or "separate"
         All modes of deformation in one system; or the paper's three systems, one after the other
         (see solvers.separate; small displacements only).
-    **options
-        ``finite``, ``bending``, ``increments``, ``options``: see Experiment.
+    **keys
+        See Experiment.
     """
 
+    table: ClassVar[type[TestTable]] = BiasExtensionTable
     kind = "bias-extension"
     has_zones = True
     cut_across = True
     reference = "gripped"
 
-    def __init__(
-        self,
-        network: Network,
-        extension: Any = None,
-        load: Any = None,
-        *,
-        upper: str = "grip",
-        model: str = "coupled",
-        **options: Any,
-    ):
-        if (extension is None) == (load is None):
-            raise InputError("give either an extension or a load")
-        if upper not in ("grip", "centre-line"):
-            raise InputError(f"upper is '{upper}'; it can be 'grip' or 'centre-line'")
-        if model not in ("coupled", "separate"):
-            raise InputError(f"model is '{model}'; it can be 'coupled' or 'separate'")
-        by_load = extension is None
-        super().__init__(network, load if by_load else extension, by_load=by_load, **options)
-        if model == "separate" and self.finite:
-            raise InputError("the paper's separate systems are for small displacements only")
-        self.upper, self.model = upper, model
-        self.clamps = ("lower", "upper") if upper == "grip" else ("lower",)
+    def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
+        super().__init__(network, extension=extension, load=load, **keys)
+        if self.upper == "centre-line":
+            self.clamps = ("lower",)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge; clamp or guide the upper one. Collective."""

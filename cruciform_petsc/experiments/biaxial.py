@@ -3,16 +3,59 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import model_validator
 
-from ..errors import InputError
+from ..fields import Number, Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..quantities import declare
+from ..units import format_si
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
+from .table import TestTable
+
+
+def _leaves_cloth(strain: float) -> bool:
+    return -1.0 < strain < np.inf
+
+
+Strains = Annotated[Quantities, Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")]
+
+
+class BiaxialTable(TestTable):
+    """A rectangle stretched along both yarns."""
+
+    controls: ClassVar = {"strain": "1"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Biaxial tension, 2 : 1"',
+        "outline": '{ rectangle = ["100 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            strain = ["0.25 %", "0.5 %"]  # Of the warp, one value or a list
+            ratio = 0.5  # Weft strain over warp strain
+        """,
+    }
+
+    kind: Literal["biaxial"]
+    strain: Strains
+    """Of the warp, one value or a list. More than -100 %."""
+    ratio: Number = 1.0
+    """Weft strain over warp strain."""
+
+    @model_validator(mode="after")
+    def _both_lengths_positive(self) -> BiaxialTable:
+        for strain in self.values_si:
+            if not _leaves_cloth(self.ratio * strain):
+                raise ValueError(
+                    "prescribes a weft strain (strain times ratio) of "
+                    f"{format_si(self.ratio * strain, '1')}, it must be finite and more than -100 %"
+                )
+        return self
+
 
 declare("strain_weft_percent", "weft strain")
 declare("force_warp_N", "warp force")
@@ -29,13 +72,13 @@ class Biaxial(Experiment):
         Engineering strain along the warp, "1 %" or 0.01.
     ratio : float
         Strain along the weft over that along the warp.
-    **options
+    **keys
         See Experiment.
     """
 
+    table = BiaxialTable
     kind = "biaxial"
-    control = "strain"
-    unit = "1"
+    ratio: float
     column = declare("strain_warp_percent", "warp strain")
     clamps = ("lower", "upper", "left", "right")
     forces = ("force_warp_N", "force_weft_N")  # the load does the work of both
@@ -43,16 +86,10 @@ class Biaxial(Experiment):
     captions: ClassVar = {"tension_against_strain.png": "Tension of the cloth against its strain."}
     colour = "tension"
 
-    def __init__(self, network: Network, strain: Any, *, ratio: float = 1.0, **options: Any):
-        super().__init__(network, strain, **options)
-        rotation = network.preform.rotation
-        if not (np.isclose(rotation, 0.0, atol=1e-9) | np.isclose(abs(rotation), 1.0)).all():
-            raise InputError("a biaxial test needs yarns along its edges: bias angle 0 or 90 deg")
-        self.ratio = float(ratio)
-        if (1.0 + np.outer(self.values, [1.0, self.ratio]) <= 0.0).any():
-            raise InputError("a strain of -100 % or below leaves no cloth")
+    def __init__(self, network: Network, strain: Any, **keys: Any):
+        super().__init__(network, strain=strain, **keys)
         # Warp along y for a bias angle of 0.
-        self._warp_axis = int(abs(rotation[0, 1]) > 0.5)
+        self._warp_axis = int(abs(network.preform.rotation[0, 1]) > 0.5)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Guide all four edges across themselves; corners are then held. Collective."""

@@ -3,16 +3,45 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import model_validator
 
-from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..quantities import LOAD, declare, quantity
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
+from .table import Forces, TestTable
+
+
+class CantileverTable(TestTable):
+    """A strip clamped at its lower edge, bent in its plane by a load across its upper one."""
+
+    controls: ClassVar = {"load": "N"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Cantilever, 25 mm x 100 mm"',
+        "use": '"e-glass-plain-2.4"',
+        "shear": '{ modulus = "0.001 N/cm" }',
+        "outline": '{ rectangle = ["25 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            load = ["0.2 mN", "0.5 mN"]  # Across the upper edge, one value or a list
+        """,
+    }
+
+    kind: Literal["cantilever"]
+    load: Forces
+    """Across the upper edge, one value or a list."""
+
+    @model_validator(mode="after")
+    def _bends(self) -> CantileverTable:
+        if not self.bending:
+            raise ValueError('has kind = "cantilever", which needs bending = true')
+        return self
+
 
 declare("tip_across_mm", "deflection across", "deflection of the loaded edge", is_displacement=True)
 declare("tip_along_mm", "deflection along")
@@ -26,13 +55,12 @@ class Cantilever(Experiment):
     network : Network
     load : str, float or sequence of them
         Force along x, with units or in newtons.
-    **options
+    **keys
         See Experiment.
     """
 
+    table = CantileverTable
     kind = "cantilever"
-    control = "load"
-    unit = "N"
     column = LOAD
     clamps = ("lower",)
     movement = "tip deflection"
@@ -40,10 +68,8 @@ class Cantilever(Experiment):
         "load_against_deflection.png": "Load against the deflection of the loaded edge."
     }
 
-    def __init__(self, network: Network, load: Any, **options: Any):
-        super().__init__(network, load, **options)
-        if not self.bending:
-            raise InputError("a cantilever test is one of yarn bending: bending must be true")
+    def __init__(self, network: Network, load: Any, **keys: Any):
+        super().__init__(network, load=load, **keys)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge, put a load of 1 N along x on the upper one. Collective."""

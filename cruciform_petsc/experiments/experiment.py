@@ -8,10 +8,9 @@ everything else by proportion) or at finite deformation (increments, solvers.non
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from numbers import Integral
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -27,8 +26,9 @@ from ..quantities import EXTENSION, Quantity
 from ..small.multigrid import yarn_multigrid
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
-from ..units import format_si, to_si
+from ..units import format_si
 from .result import State, TestResult
+from .table import TestTable
 
 if TYPE_CHECKING:
     from ..output.checkpoint import Checkpoint
@@ -71,21 +71,19 @@ class Experiment:
     Parameters
     ----------
     network : Network
-    values : str, float or sequence of them
-        Controls asked for, with units or in SI.
-    finite : bool
-        Finite deformation; else small displacements.
-    bending : bool
-        Whether yarns resist bending in the plane.
-    increments : int, optional
-        Finite deformation: at least so many steps to the largest value asked for.
     options : dict, optional
         PETSc options for the solver, without the prefix.
+    **keys
+        Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (finite
+        deformation; else small displacements), ``bending`` (whether yarns resist it in the plane),
+        ``increments`` (finite deformation: at least so many steps to the largest value), the
+        controls asked for, and the kind's own, which become attributes. Numbers without unit are
+        in SI.
     """
 
+    table: ClassVar[type[TestTable]]  # of a case file
     kind = ""
-    control = "extension"
-    unit = "m"
+    model = "coupled"  # all modes of deformation in one system
     # The curve's column of the control; further columns are declared in each kind's file.
     column: Quantity = EXTENSION
     # What is told of a state beside shear: columns of the curve that are forces, what the load is
@@ -105,39 +103,26 @@ class Experiment:
     # Edges that are drawn as bars.
     clamps: tuple[str, ...] = ("lower", "upper")
 
-    def __init__(
-        self,
-        network: Network,
-        values: Any,
-        *,
-        finite: bool = False,
-        bending: bool = True,
-        increments: int | None = None,
-        options: dict | None = None,
-        by_load: bool = False,
-    ):
-        if isinstance(values, np.ndarray):
-            values = values.tolist()
-        self.is_curve = isinstance(values, Sequence) and not isinstance(values, str)
-        self.by_load = by_load
-        unit, key = ("N", "load") if by_load else (self.unit, self.control)
-        numbers = to_si(list(values) if self.is_curve else [values], unit, key, bare=True)
-        self.values = np.array(numbers, float)
-        if not self.values.size or not self.values.any():
-            raise InputError(f"{key} has no value other than zero, so nothing would happen")
-        for family in ("warp", "weft"):
-            if bending and getattr(network.fabric, family).yarn_bending == 0.0:
-                raise InputError(
-                    f"bending is on but the fabric's {family} yarns have no bending rigidity: give "
-                    "them one or set bending = false"
-                )
-        if increments is not None and not (isinstance(increments, Integral) and increments >= 1):
-            raise InputError(f"increments must be 1 or more, a whole number, got {increments}")
-        self.network, self.bending, self.finite = network, bending, finite
-        self.increments, self.options = increments, options or {}
+    def __init__(self, network: Network, *, options: dict | None = None, **keys: Any):
+        given = {key: value for key, value in keys.items() if value is not None}
+        self.test = test = self.table.from_data({"kind": self.kind} | given, "test", bare=True)
+        test.check(network.preform, network.fabric)
+        # What the kind prescribes; `by_load`: a load in its place.
+        self.control, self.unit = next(iter(test.controls.items()))
+        self.is_curve, self.by_load = test.is_curve, test.control != self.control
+        self.values = np.array(test.values_si)
+        if not self.values.any():
+            raise InputError(
+                f"test.{test.control} has no value other than zero, so nothing would happen"
+            )
+        self.network, self.options = network, options or {}
+        self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
+        for key in test.own_keys():
+            if key not in test.controls:
+                setattr(self, key, getattr(test, key))
         check_memory(
             network.comm,
-            (BYTES_BENDING if bending else BYTES_HINGED) * network.num_crossovers_global,
+            (BYTES_BENDING if test.bending else BYTES_HINGED) * network.num_crossovers_global,
             f"the network has {network.num_crossovers_global} crossovers",
             "choose a coarser pitch (refine, yarns_per_cruciform), a smaller outline or more "
             "machines",

@@ -3,16 +3,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.network import Network
 from .bias_extension import BiasExtension
 from .experiment import PULL, Grip
 from .result import TestResult
+from .table import PullTable
+
+
+class OffAxisTable(PullTable):
+    """A strip pulled at some angle to its yarns; free ends may contract and shear."""
+
+    template: ClassVar = {
+        "title": '"Off-axis tension at 30 degrees"',
+        "bias_angle": '"30 deg"',
+        "test": """
+            extension = ["1 mm", "5 mm"]  # By which the upper edge is pulled, one value or a list
+            # load = "0.5 N"  # Force on the upper edge, one value or a list
+            # or "grip": Clamped, or free to contract and to slide across the pull
+            ends = "free"
+        """,
+    }
+
+    kind: Literal["off-axis-tension"]
+    ends: Literal["grip", "free"] = "grip"
+    """Clamped, or free to contract and to slide across the pull."""
 
 
 class OffAxisTension(BiasExtension):
@@ -26,26 +45,17 @@ class OffAxisTension(BiasExtension):
     ends : "grip" or "free"
         Gripped; or free to contract and to slide across the pull, as in a test on a long strip:
         only how far the ends move along it is prescribed.
-    **options
+    **keys
         See Experiment.
     """
 
+    table = OffAxisTable
     kind = "off-axis-tension"
+    ends: str
 
-    def __init__(
-        self,
-        network: Network,
-        extension: Any = None,
-        load: Any = None,
-        *,
-        ends: str = "grip",
-        **options: Any,
-    ):
-        if ends not in ("grip", "free"):
-            raise InputError(f"ends is '{ends}'; it can be 'grip' or 'free'")
-        super().__init__(network, extension, load, **options)
-        self.ends = ends
-        if ends == "free":  # no clamp, no zones
+    def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
+        super().__init__(network, extension, load, **keys)
+        if self.ends == "free":  # no clamp, no zones
             self.has_zones, self.reference, self.clamps = False, "free", ()
 
     def grip(self, constraints: Constraints) -> list[Grip]:

@@ -3,10 +3,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 from ..net.network import Network
 from .bias_extension import BiasExtension
+from .table import Lengths, TestTable
+
+
+class PantographTable(TestTable):
+    """A sheet of beams and pivots, gripped at both ends and pulled."""
+
+    controls: ClassVar = {"extension": "m"}
+    template: ClassVar = {
+        "title": '"Pantographic sheet, 67.88 mm x 203.65 mm"',
+        "use": '"pantographic-sheet-2016"',
+        "outline": '{ rectangle = ["67.88 mm", "203.65 mm"] }',
+        "test": """
+            extension = ["14 mm", "28 mm"]  # By which the upper edge is pulled, one value or a list
+        """,
+    }
+
+    kind: Literal["pantograph"]
+    extension: Lengths
+    """By which the upper edge is pulled, one value or a list."""
 
 
 class Pantograph(BiasExtension):
@@ -19,11 +38,12 @@ class Pantograph(BiasExtension):
     ----------
     network : Network
     extension : str, float or sequence of them
-    **options
+    **keys
         See Experiment.
     """
 
+    table = PantographTable
     kind = "pantograph"
 
-    def __init__(self, network: Network, extension: Any, **options: Any):
-        super().__init__(network, extension, **options)
+    def __init__(self, network: Network, extension: Any, **keys: Any):
+        super().__init__(network, extension, **keys)

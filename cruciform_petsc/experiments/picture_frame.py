@@ -4,20 +4,50 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..fields import Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..quantities import declare
 from .experiment import Experiment, Grip
 from .result import TestResult
+from .table import TestTable
 
 SMALL = 1e-5  # rad
 EDGES = ("lower", "upper", "left", "right")
 declare("crosshead_mm", "crosshead", "displacement of the crosshead", is_displacement=True)
+
+
+def _can_close(angle: float) -> bool:
+    return abs(angle) < 0.5 * np.pi
+
+
+Angles = Annotated[
+    Quantities,
+    Of("rad", many=True, example="20 deg", good=_can_close, wanted="between -90 deg and 90 deg"),
+]
+
+
+class PictureFrameTable(TestTable):
+    """A rectangle sheared by a hinged frame."""
+
+    controls: ClassVar = {"angle": "rad"}
+    along_the_yarns: ClassVar = True
+    template: ClassVar = {
+        "title": '"Picture frame, 100 mm"',
+        "outline": '{ rectangle = ["100 mm", "100 mm"] }',
+        "bias_angle": '"0 deg"',
+        "test": """
+            angle = ["10 deg", "20 deg"]  # Shear angle of the frame, one value or a list
+        """,
+    }
+
+    kind: Literal["picture-frame"]
+    angle: Angles
+    """Shear angle of the frame, one value or a list. Between -90 and 90 deg."""
 
 
 class PictureFrame(Experiment):
@@ -32,13 +62,12 @@ class PictureFrame(Experiment):
     angle : str, float or sequence of them
         Shear angle of the frame, 90 degrees less the angle between its sides; with units or in
         radians. Positive where warp and weft close.
-    **options
+    **keys
         See Experiment.
     """
 
+    table = PictureFrameTable
     kind = "picture-frame"
-    control = "angle"
-    unit = "rad"
     column = declare("angle_deg", "angle of the frame", "shear angle of the frame", "angle")
     captions: ClassVar = {
         "load_against_angle.png": "Load against the shear angle of the frame.",
@@ -46,13 +75,8 @@ class PictureFrame(Experiment):
     }
     clamps = EDGES
 
-    def __init__(self, network: Network, angle: Any, **options: Any):
-        super().__init__(network, angle, **options)
-        if (np.abs(self.values) >= 0.5 * np.pi).any():
-            raise InputError("a picture frame's shear angle must be less than 90 deg")
-        along = np.abs(network.preform.rotation)
-        if not (np.isclose(along, 0.0, atol=1e-9) | np.isclose(along, 1.0)).all():
-            raise InputError("a picture frame needs yarns along its sides: bias angle 0 or 90 deg")
+    def __init__(self, network: Network, angle: Any, **keys: Any):
+        super().__init__(network, angle=angle, **keys)
         self._sides = np.ptp(np.reshape(network.preform.outline.bounds, (2, 2)), axis=0)
 
     def grip(self, constraints: Constraints) -> list[Grip]:

@@ -66,7 +66,7 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         summary["newton_iterations_per_increment"] = float(np.mean(iterations))
     summary |= {
         "network": {**statistics, "hanging_crossovers": hanging},
-        "model": case.test.model,
+        "model": experiment.model,
         "bending": case.test.bending,
         "case": case.model_dump(),
         **provenance(result.network.comm),

@@ -119,12 +119,12 @@ def test_separate_model(network):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "either an extension or a load"),
-        ({"extension": 1e-3, "load": 1.0}, "either an extension or a load"),
+        ({}, "exactly one of extension and load, got neither"),
+        ({"extension": 1e-3, "load": 1.0}, "extension and load, got both"),
         ({"extension": "1 N"}, "extension"),
         ({"extension": 0.0}, "zero"),
-        ({"extension": 1e-3, "upper": "top"}, "'grip' or 'centre-line'"),
-        ({"extension": 1e-3, "model": "both"}, "'coupled' or 'separate'"),
+        ({"extension": 1e-3, "upper": "top"}, '"grip" or "centre-line"'),
+        ({"extension": 1e-3, "model": "both"}, '"coupled" or "separate"'),
     ],
 )
 def test_wrong_arguments(network, options, words):
@@ -135,5 +135,5 @@ def test_wrong_arguments(network, options, words):
 def test_bending_needs_a_rigidity():
     soft = replace(TABLE_1, warp=replace(TABLE_1.warp, yarn_bending=0.0))
     network = Network(MPI.COMM_SELF, Preform.rectangle("2.4 cm", "3.6 cm"), soft)
-    with pytest.raises(InputError, match="warp yarns have no bending rigidity"):
+    with pytest.raises(InputError, match="fabric.warp.yarn_bending is zero"):
         BiasExtension(network, extension=1e-3)

@@ -215,10 +215,16 @@ def test_half_a_specimen():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: BiasExtension(network(BIAS)), "either an extension or a load"),
-        (lambda: BiasExtension(network(BIAS), "1 mm", "1 N"), "either an extension or a load"),
-        (lambda: BiasExtension(network(BIAS), "1 mm", upper="free"), "upper is 'free'"),
-        (lambda: BiasExtension(network(BIAS), "1 mm", model="paper"), "model is 'paper'"),
+        (lambda: BiasExtension(network(BIAS)), "exactly one of extension and load, got neither"),
+        (lambda: BiasExtension(network(BIAS), "1 mm", "1 N"), "extension and load, got both"),
+        (
+            lambda: BiasExtension(network(BIAS), "1 mm", upper="free"),
+            'upper must be "grip" or "cen',
+        ),
+        (
+            lambda: BiasExtension(network(BIAS), "1 mm", model="paper"),
+            'model must be "coupled" or',
+        ),
         (
             lambda: BiasExtension(network(BIAS), "1 mm", model="separate", finite=True),
             "small displacements only",
@@ -227,19 +233,25 @@ def test_half_a_specimen():
         (lambda: BiasExtension(network(BIAS), load="1 mm"), "load"),
         (lambda: BiasExtension(network(BIAS), "0 mm"), "nothing would happen"),
         (lambda: BiasExtension(network(BIAS), []), "at least one value"),
-        (lambda: BiasExtension(network(BIAS), "1 mm", increments=0), "increments must be 1"),
+        (
+            lambda: BiasExtension(network(BIAS), "1 mm", increments=0),
+            "a whole number from 1 up, got 0",
+        ),
         (lambda: BiasExtension(network(BIAS), "1 mm", increments=np.nan), "whole number, got nan"),
-        (lambda: OffAxisTension(network(BIAS), "1 mm", ends="loose"), "ends is 'loose'"),
-        (lambda: PictureFrame(network(ALONG), "90 deg"), "less than 90 deg"),
-        (lambda: PictureFrame(network(BIAS), "10 deg"), "yarns along its sides"),
-        (lambda: Biaxial(network(BIAS), "1 %"), "yarns along its edges"),
-        (lambda: Biaxial(network(ALONG), "60 %", ratio=-2.0), "leaves no cloth"),
+        (
+            lambda: OffAxisTension(network(BIAS), "1 mm", ends="loose"),
+            'ends must be "grip" or "free"',
+        ),
+        (lambda: PictureFrame(network(ALONG), "90 deg"), "between -90 deg and 90 deg"),
+        (lambda: PictureFrame(network(BIAS), "10 deg"), "yarns along the edges"),
+        (lambda: Biaxial(network(BIAS), "1 %"), "yarns along the edges"),
+        (lambda: Biaxial(network(ALONG), "60 %", ratio=-2.0), "weft strain .* more than -100 %"),
         (lambda: Biaxial(network(ALONG), "1 mm"), "strain"),
-        (lambda: Cantilever(network(ALONG), "1 N", bending=False), "bending must be true"),
+        (lambda: Cantilever(network(ALONG), "1 N", bending=False), "needs bending = true"),
         (lambda: Cantilever(network(ALONG), "1 mm"), "load"),
         (
             lambda: Cantilever(network(ALONG, _unbent()), "1 N"),
-            "the fabric's weft yarns have no bending rigidity",
+            "test.bending is true but fabric.weft.yarn_bending is zero",
         ),
     ],
 )

@@ -19,7 +19,6 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.net.nodes import Nodes
 from cruciform_petsc.output.checkpoint import BLOCK, NAME, SEAL, Checkpoint, crossover_of
-from cruciform_petsc.run import make_experiment
 
 COMM = MPI.COMM_SELF
 BIAS = {"kind": "bias-extension", "extension": ["1 mm", "3 mm", "4 mm"], "increments": 8}
@@ -56,7 +55,7 @@ def solve(case, checkpoint=None, stop=None, comm=COMM):
             raise Stop
 
     try:
-        return make_experiment(case, network).solve(accepted, checkpoint)
+        return case.experiment(network).solve(accepted, checkpoint)
     except Stop:
         return None
 

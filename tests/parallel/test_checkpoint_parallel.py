@@ -15,7 +15,6 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.checkpoint import Checkpoint
-from cruciform_petsc.run import make_experiment
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks
@@ -68,7 +67,7 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
     def kept(comm):
         network = Network(comm, case.preform(), case.fabric())
         constraints = Constraints(network, True)
-        make_experiment(case, network).grip(constraints)
+        case.experiment(network).grip(constraints)
         model = FiniteNetwork(constraints)
         return model.nodes.node_key, Checkpoint.resume(comm, tmp_path).restore(model)
 

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: MIT
+"""The kinds of test by the names that case files give them: the one list of them."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from pydantic_core import PydanticKnownError
+
+from ..errors import shown, unknown
+
+if TYPE_CHECKING:
+    from .experiment import Experiment
+    from .table import TestTable
+
+# A class, or where it stands: kinds are imported when they are needed, and PETSc with them, so
+# that the command line can hand PETSc its options first.
+KINDS: dict[str, str | type[Experiment]] = {
+    "bias-extension": "bias_extension.BiasExtension",
+    "picture-frame": "picture_frame.PictureFrame",
+    "off-axis-tension": "off_axis.OffAxisTension",
+    "biaxial": "biaxial.Biaxial",
+    "cantilever": "cantilever.Cantilever",
+    "pantograph": "pantograph.Pantograph",
+}
+DEFAULT = "bias-extension"
+
+
+def kind_class(kind: str) -> type[Experiment]:
+    """The class of a kind of test.
+
+    Raises
+    ------
+    InputError
+        There is no such kind.
+    """
+    if kind not in KINDS:
+        raise unknown(f'kind of test "{kind}"', kind, KINDS)
+    entry = KINDS[kind]
+    if not isinstance(entry, str):
+        return entry
+    module, _, name = entry.partition(".")
+    return getattr(import_module(f".{module}", __package__), name)
+
+
+def pick_table(data: Any) -> type[TestTable]:
+    """The type of table that [test] is, for `fields.OneOf`."""
+    if not isinstance(data, dict):
+        raise PydanticKnownError("model_type", {"class_name": "test"})
+    kind = data.get("kind", DEFAULT)
+    if not isinstance(kind, str) or kind not in KINDS:
+        *most, last = (f'"{known}"' for known in KINDS)
+        raise ValueError(f".kind must be {', '.join(most)} or {last}, got {shown(kind)}")
+    return kind_class(kind).table

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: MIT
+"""[test] of a case file: what all kinds of test share. Each kind's own table is in its file."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import model_validator
+
+from ..cloth.fabric import Fabric
+from ..cloth.preform import Preform
+from ..errors import InputError
+from ..fields import Count, Of, Quantities, Table, si_values
+
+Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
+
+
+class TestTable(Table):
+    """[test]: what all kinds of experiments share.
+
+    Every kind prescribes one value or a list of them, of one of its `controls`. Further keys are
+    arguments of the kind's class, by the same names.
+
+    Attributes
+    ----------
+    controls : dict
+        SI unit of each.
+    along_the_yarns : bool
+        Whether it needs a rectangle whose sides the yarns follow.
+    template : dict
+        What ``cruciform-petsc new`` writes: the kind's own keys as ``test``, with comments, and
+        values, as TOML, of keys of case/template.toml in place of those there.
+    """
+
+    __test__: ClassVar[bool] = False  # not a test for pytest
+    controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}
+    along_the_yarns: ClassVar[bool] = False
+    template: ClassVar[dict[str, str]] = {}
+
+    kind: str
+    """Which experiment."""
+    finite: bool = False
+    """Large displacements, rotations and shear angles."""
+    bending: bool = True
+    """Yarns bend in the plane; false: they are hinged."""
+    increments: Count | None = None
+    """Least number of steps to the last value, with finite = true. Steps are cut further where
+    needed. Example: `20`"""
+
+    @model_validator(mode="after")
+    def _one_control(self) -> TestTable:
+        given = [key for key in self.controls if getattr(self, key) is not None]
+        if len(given) != 1:
+            got = "both" if given else "neither"
+            raise ValueError(f"needs exactly one of {' and '.join(self.controls)}, got {got}")
+        return self
+
+    @classmethod
+    def own_keys(cls) -> list[str]:
+        """Keys that only this kind has."""
+        return [key for key in cls.model_fields if key not in TestTable.model_fields]
+
+    @property
+    def control(self) -> str:
+        """Key of what is prescribed: "extension", "load", "angle" or "strain"."""
+        return next(key for key in self.controls if getattr(self, key) is not None)
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether a list was given, so that results are lists."""
+        return isinstance(getattr(self, self.control), list)
+
+    @property
+    def values_si(self) -> list[float]:
+        """Prescribed values, one or more [m, N, rad or 1]."""
+        return si_values(getattr(self, self.control))
+
+    def check(self, preform: Preform, fabric: Fabric) -> None:
+        """Raise InputError if the preform or the fabric is none for such a test."""
+        if self.along_the_yarns:
+            preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+        for side in ("warp", "weft"):
+            if self.bending and getattr(fabric, side).yarn_bending == 0.0:
+                raise InputError(
+                    f"test.bending is true but fabric.{side}.yarn_bending is zero, "
+                    "give it a value or set test.bending = false"
+                )
+
+
+class PullTable(TestTable):
+    """Kinds whose upper edge is pulled by an extension or a load."""
+
+    extension: Lengths | None = None
+    """By which the upper edge is pulled, one value or a list. Either this or load."""
+    load: Forces | None = None
+    """Force on the upper edge, one value or a list. Either this or extension."""

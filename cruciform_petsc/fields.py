@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""What the keys of a case file may be, and one sentence about each mistake in a table of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Annotated, Any, Self, get_args
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import core_schema
+
+from .errors import InputError, cut, shown
+from .units import Quantity
+
+_MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
+
+
+class _Read:
+    """Annotates a field that a function of ours reads; what is wrong is a ValueError in words."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+    def read(self, value: Any, info: Any) -> Any:
+        """Check a value and return what is kept of it; `info` is pydantic's."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Of(_Read):
+    """Annotates quantities: kept as they are written, with their value beside it.
+
+    Attributes
+    ----------
+    unit : str
+        SI, as for `units.parse`.
+    column : bool
+        The unit by itself, as it stands over a column of numbers.
+    many : bool
+        One quantity or a list of them.
+    good : callable, optional
+        Whether a value may be; ``wanted`` tells which may.
+    wanted : str
+    example : str
+        For the page of keys; by default the usual one of the unit.
+    """
+
+    unit: str
+    column: bool = False
+    many: bool = False
+    good: Callable[[float], bool] | None = None
+    wanted: str = ""
+    example: str = ""
+
+    def read(self, value: Any, info: Any) -> Any:
+        """Check one quantity, or a list of them if there may be `many`."""
+        bare = bool(info.context)
+        if not (self.many and isinstance(value, list)):
+            return self._one(value, bare)
+        if not value:
+            raise ValueError("is an empty list, give at least one value")
+        quantities = []
+        for i, item in enumerate(value):
+            try:
+                quantities.append(self._one(item, bare))
+            except ValueError as error:
+                raise ValueError(f"(value {i + 1}) {error}") from None
+        return quantities
+
+    def _one(self, value: Any, bare: bool) -> Quantity:
+        quantity = Quantity.read(value, self.unit, column=self.column, bare=bare)
+        if self.good is not None and not self.good(quantity.si):
+            raise ValueError(f'must be {self.wanted}, got "{cut(quantity)}"')
+        return quantity
+
+
+@dataclass(frozen=True)
+class OneOf(_Read):
+    """Annotates a table that is one of several, which one its contents tell.
+
+    Attributes
+    ----------
+    pick : callable
+        The type of table for some contents, or a ValueError.
+    """
+
+    pick: Callable[[Any], type[Table]]
+
+    def read(self, value: Any, info: Any) -> Table:
+        """Read it as what it is."""
+        if isinstance(value, Table):
+            return value
+        return self.pick(value).model_validate(value, context=info.context)
+
+
+def positive(value: float) -> bool:
+    """Whether a value is above zero."""
+    return value > 0.0
+
+
+def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
+    different = len({(x.si, y.si) for x, y in ring})
+    if different < 3:
+        raise ValueError(f"must have at least 3 different corners, got {different}")
+    return ring
+
+
+Quantities = Quantity | list[Quantity]
+Length = Annotated[Quantity, Of("m")]
+Size = Annotated[Quantity, Of("m", good=positive, wanted="positive")]
+Sides = Annotated[list[Size], Field(min_length=2, max_length=2)]
+Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
+Ring = Annotated[list[Point], Field(min_length=3), AfterValidator(_three_corners)]
+Count = Annotated[int, Field(ge=1)]
+Counts = Annotated[list[Count], Field(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Pairs = Annotated[list[Pair], Field(min_length=1)]
+Name = Annotated[str, Field(min_length=1)]
+
+
+def _plain(value: Any) -> Any:
+    """What a case file could hold of a script's arrays, tuples and NumPy's numbers."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def si_values(quantities: Quantities) -> list[float]:
+    """Values of one quantity or several."""
+    return [q.si for q in (quantities if isinstance(quantities, list) else [quantities])]
+
+
+class Table(BaseModel):
+    """A table of a case file: known keys only, each of its very type."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        validate_default=True,
+        use_attribute_docstrings=True,
+    )
+
+    @classmethod
+    def from_data(cls, data: Any, key: str = "", *, bare: bool = False) -> Self:
+        """Check plain data as they stand in a case file.
+
+        Parameters
+        ----------
+        data : mapping
+        key : str
+            Where the table stands, for messages.
+        bare : bool
+            Take numbers without unit as SI already (scripts may, case files may not).
+
+        Raises
+        ------
+        InputError
+            One sentence of up to three problems.
+        """
+        data = _plain(data)
+        try:
+            return cls.model_validate(data, context=bare)
+        except ValidationError as error:
+            problems = list(
+                dict.fromkeys(_sentence(cls, data, key, dict(e)) for e in error.errors())
+            )
+        more = len(problems) - _MOST_PROBLEMS
+        tail = f"; and {more} more" if more > 0 else ""
+        raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail)
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Keys as they stand in a case file."""
+        return [field.alias or name for name, field in cls.model_fields.items()]
+
+
+def tables_in(annotation: Any) -> Iterator[type[Table]]:
+    """The types of table in a field's type, through Optional and Annotated."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        yield annotation
+    for part in get_args(annotation):
+        yield from tables_in(part)
+
+
+def _known_keys(model: type[Table], data: Any, path: Sequence[Any]) -> list[str]:
+    """Keys of the table at a place in some data."""
+    for part in path:
+        fields = {field.alias or name: field for name, field in model.model_fields.items()}
+        several = [item for item in fields[part].metadata if isinstance(item, OneOf)]
+        data = data[part]
+        model = several[0].pick(data) if several else next(tables_in(fields[part].annotation))
+    return model.keys()
+
+
+# What pydantic's types of error ask for, in plain words.
+_WANTED = {
+    "string_type": "a text in quotes",
+    "string_too_short": "a name that is not empty",
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "greater_than_equal": "a whole number from 1 up",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "list_type": "a list",
+    "model_type": "a table",
+}
+
+
+def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) -> str:
+    """Turn one of pydantic's errors into plain words that name the key."""
+    loc, kind, got = error["loc"], error["type"], shown(error["input"], 60)
+    context = error.get("ctx", {})
+    key = above + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
+    key = key.removeprefix(".")
+    if kind in _WANTED:
+        return f"{key} must be {_WANTED[kind]}, got {got}"
+    if kind == "less_than_equal":
+        return f"{key} must be at most {context['le']}"
+    if kind == "missing":
+        return f"{key} is missing"
+    if kind == "value_error":  # one of ours, which may go on with the key
+        words = str(context["error"])
+        return f"{key}{words}" if words[0] in ".:" else f"{key} {words}"
+    if kind == "literal_error":
+        return f"{key} must be {context['expected'].replace(chr(39), chr(34))}, got {got}"
+    if kind in ("too_short", "too_long"):
+        limit = context.get("min_length", context.get("max_length"))
+        length = f"{limit}" if limit == 2 else f"at least {limit}"  # pairs are exact
+        return f"{key} must be a list of {length}, got {context['actual_length']}"
+    if kind == "extra_forbidden":
+        table = key.rpartition(".")[0]
+        known = _known_keys(model, data, loc[:-1])
+        close = get_close_matches(str(loc[-1]), known, 1)
+        hint = f'did you mean "{close[0]}"?' if close else f"known: {', '.join(known)}"
+        where = f"[{table}] has" if table else "the case file has"
+        return f'{where} the unknown key "{loc[-1]}" ({hint})'
+    return f"{key}: {error['msg']}"
