@@ -25,7 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..parallel import ask, find_sorted
+from ..parallel import ask, find_sorted, most
 from .csr import aij, sort_rows
 from .galerkin import Corners, galerkin
 from .yarns import OnYarns, YarnSmoother
@@ -133,7 +133,7 @@ def contrast(matrix: PETSc.Mat) -> float:
     low, high = np.percentile(entries, (10, 90)) if len(entries) else (1.0, 1.0)
     diagonal.destroy()
     contrast = high / low if low > 0.0 else np.inf
-    return float(matrix.comm.tompi4py().allreduce(contrast, MPI.MAX))
+    return most(matrix.comm.tompi4py(), contrast)
 
 
 @numba.njit(cache=True)
