@@ -50,35 +50,6 @@ class PictureFrameTable(TestTable):
     """Shear angle of the frame, one value or a list. Between -90 and 90 deg."""
 
 
-def _can_close(angle: float) -> bool:
-    return abs(angle) < 0.5 * np.pi
-
-
-Angles = Annotated[
-    Quantities,
-    Of("rad", many=True, example="20 deg", good=_can_close, wanted="between -90 deg and 90 deg"),
-]
-
-
-class PictureFrameTable(TestTable):
-    """A rectangle sheared by a hinged frame."""
-
-    controls: ClassVar = {"angle": "rad"}
-    along_the_yarns: ClassVar = True
-    template: ClassVar = {
-        "title": '"Picture frame, 100 mm"',
-        "outline": '{ rectangle = ["100 mm", "100 mm"] }',
-        "bias_angle": '"0 deg"',
-        "test": """
-            angle = ["10 deg", "20 deg"]  # Shear angle of the frame, one value or a list
-        """,
-    }
-
-    kind: Literal["picture-frame"]
-    angle: Angles
-    """Shear angle of the frame, one value or a list. Between -90 and 90 deg."""
-
-
 class PictureFrame(Experiment):
     """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
 
