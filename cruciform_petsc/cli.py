@@ -277,8 +277,10 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         more["weights"] = _numbers(args.weights)
     case, directory = _case_and_folder(comm, args)
     from .calibrate import calibrate_case
+    from .output.folder import OF_CALIBRATION, locked
 
-    calibrate_case(comm, case, args.data, directory, args.log, **more)
+    with locked(comm, directory, OF_CALIBRATION, args.log):
+        calibrate_case(comm, case, args.data, directory, args.log, **more)
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:

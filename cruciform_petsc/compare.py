@@ -20,7 +20,7 @@ from .calibration.curve import read_curve
 from .errors import InputError
 from .experiments.registry import KINDS, kind_class
 from .output import pictures
-from .output.folder import prepare_directory
+from .output.folder import OF_COMPARISON, locked, prepare_directory
 from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
@@ -378,25 +378,28 @@ def compare_command(
     a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
     told, figures, lines = compare(a, b)
     folder = prepare_directory(comm, directory)
-    log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
-    log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
-    log.info("A less B, loads and energies relative to B, angles in degrees:")
-    axis = quantity(told["over"])
-    for name, value in figures.items():
-        where = f"{axis.log_unit} ({value.points} points)"
-        log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
-    write_json(comm, folder / "comparison.json", told)
-    shown = [name for name in ("load_N", "shear_centre_deg") if name in lines] or list(lines)[:2]
-    names = _labels(a, b)
-    panels = []
-    for column in shown:
-        curves = {
-            name: (line if side.is_measured else drawn(line), side.is_measured)
-            for name, line, side in zip(names, lines[column], (a, b), strict=True)
-        }
-        panels.append(((axis.axis, quantity(column).axis), curves))
-    pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
-    log.info("comparison in %s", folder)
+    with locked(comm, folder, OF_COMPARISON, log):
+        log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
+        log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
+        log.info("A less B, loads and energies relative to B, angles in degrees:")
+        axis = quantity(told["over"])
+        for name, value in figures.items():
+            where = f"{axis.log_unit} ({value.points} points)"
+            log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
+        write_json(comm, folder / "comparison.json", told)
+        shown = [name for name in ("load_N", "shear_centre_deg") if name in lines] or list(lines)[
+            :2
+        ]
+        names = _labels(a, b)
+        panels = []
+        for column in shown:
+            curves = {
+                name: (line if side.is_measured else drawn(line), side.is_measured)
+                for name, line, side in zip(names, lines[column], (a, b), strict=True)
+            }
+            panels.append(((axis.axis, quantity(column).axis), curves))
+        pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
+        log.info("comparison in %s", folder)
     return told
 
 

@@ -26,7 +26,7 @@ from .output import figures, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
-from .output.folder import locked, remove_results
+from .output.folder import OF_RUN, locked, remove_results
 from .output.log import Stages
 from .output.progress import Progress
 from .output.provenance import file_notes
@@ -71,10 +71,8 @@ def run_case(
     checkpoint : Checkpoint, optional
         To go on from; by default the test begins at rest.
     """
-    if case.test.finite:
-        return _run_case(comm, case, directory, log, checkpoint)  # checkpoints lock the folder
-    with locked(comm, directory):
-        return _run_case(comm, case, directory, log, None)
+    with locked(comm, directory, OF_RUN, log):
+        return _run_case(comm, case, directory, log, checkpoint)
 
 
 def _run_case(

@@ -233,3 +233,49 @@ def test_run_puts_an_unfinished_run_aside(case, tmp_path):
     result = cruciform_petsc(0, "resume", out)
     assert result.returncode == 0
     assert (out / "checkpoint.old" / "newest").exists()  # the other run's
+
+
+@pytest.mark.parametrize("finite", ["false", "true"])
+@pytest.mark.parametrize("name", ["checkpoint/weights.bin", "curve.csv", "report.html"])
+def test_what_is_the_users_is_left_alone(case, tmp_path, name, finite):
+    """In a folder that no run has written to; a checkpoint only matters where one is made."""
+    out = tmp_path / "out"
+    mine = out / name
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    result = cruciform_petsc(0, "run", case, "--output", out, "--set", f"test.finite={finite}")
+    if finite == "false" and name.startswith("checkpoint"):
+        assert result.returncode == 0
+    else:
+        path = out / name.split("/")[0]
+        told = (
+            f'"{path}" was not written by this version of cruciform-petsc, which therefore leaves '
+            "it alone: move it elsewhere, or have the results go to another folder with --output"
+        )
+        assert result.returncode == 2
+        assert sentences(result) == [told]
+        assert {path.name for path in out.iterdir()} == {path.name}
+    assert mine.read_text() == "mine"
+
+
+def test_resuming_writes_through_no_link(case, tmp_path):
+    """A folder that somebody has sent: links within it, and the checkpoint itself one."""
+    out, home = tmp_path / "out", tmp_path / "home"
+    assert interrupted(case, out, signal.SIGINT, 3).returncode == 130
+    home.mkdir()
+    (home / "bashrc").write_text("mine")
+    for name in ("checkpoint/new", "checkpoint/new-1", ".curve.csv.1.part", "notes"):
+        (out / name).symlink_to(home / "bashrc")
+    (out / "checkpoint").rename(home / "thesis")
+    (out / "checkpoint").symlink_to(home / "thesis")
+    before = sorted(path.name for path in (home / "thesis").rglob("*"))
+    result = cruciform_petsc(0, "resume", out)
+    assert result.returncode == 2
+    (told,) = sentences(result)
+    assert f'"{out / "checkpoint" / "newest"}" is a file or behind a link' in told
+    assert sorted(path.name for path in (home / "thesis").rglob("*")) == before
+    (out / "checkpoint").unlink()
+    (home / "thesis").rename(out / "checkpoint")
+    assert cruciform_petsc(0, "resume", out).returncode == 0
+    assert (home / "bashrc").read_text() == "mine"
+    assert (out / "checkpoint" / "new").is_symlink()  # not the program's

@@ -21,7 +21,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.folder import RESULTS
+from cruciform_petsc.output.folder import MANIFEST, OF_RUN
 from cruciform_petsc.output.report import CAPTIONS
 from cruciform_petsc.quantities import quantity
 from cruciform_petsc.run import check_case, run_case
@@ -150,9 +150,9 @@ def test_nothing_stays_of_an_earlier_run(tmp_path, caplog):
     everything = {"pictures": True, "exports": True}
     run(MPI.COMM_SELF, tmp_path, case(finite=True, extension=["1 mm", "2 mm"], output=everything))
     (tmp_path / "notes.txt").write_text("mine")
-    there = {path.name for path in tmp_path.iterdir()} - {"notes.txt"}
+    there = {path.name for path in tmp_path.iterdir()} - {"notes.txt", MANIFEST}
     assert len(there) > 10
-    assert there | CAPTIONS.keys() <= set(RESULTS)
+    assert there | CAPTIONS.keys() <= set(OF_RUN)
     with caplog.at_level(logging.INFO, LOG.name):
         run(MPI.COMM_SELF, tmp_path, case(extension="1 mm"))
     assert 'replaces the results of "' in caplog.text

@@ -344,7 +344,7 @@ class Experiment:
                 for control, x in kept.asked:
                     path.restore([(control, x)])
                     states.append(self._state(model, equilibrium, grips, control))
-                path.restore(kept.states, kept.target, kept.allowed, kept.load)
+                path.restore(kept.states, **kept.path)
             if self.by_load:
                 self._follow_loads(path, grips, accepted)
             else:

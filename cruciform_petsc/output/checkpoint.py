@@ -1,46 +1,55 @@
 # SPDX-License-Identifier: MIT
 """Checkpoints of a test at finite deformation: killed at any moment, it goes on from the last one.
 
-They lie in the folder ``checkpoint`` of the results:
+In the folder ``checkpoint`` of the results lie the folders
 
 - ``newest`` and ``previous``: after each of the last two accepted increments, what it takes to go
   on: the case, the histories of all increments, and positions of the last three states;
 - ``state-N``: positions of the N-th state that was asked for, which the results need.
 
-A file is a line that tells what it is, a line of JSON, the keys of all nodes (int64) and their
-positions (float64, little-endian), and a seal: its length and a checksum of all its bytes. It gets
-its name only when it is on the disk, sealed, and has been read back, so whatever has a name is
-whole; what has been damaged later is told by the seal before anything is made of the bytes. (Not
-HDF5: on a full disk its parallel driver hangs, and its serial one ends in a segmentation fault.)
-
-Positions are stored with the keys of their nodes (`finite.FiniteNodes.node_key`), which are places
-on yarns and do not depend on the ranks. Ranks write their own nodes. To read, each takes an equal
-share of the rows, and sends them to the ranks that own these places now. No rank ever holds all.
+In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and named
+arrays, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder gets
+its name when all this is on the disk and has been read back. A key is a place on a yarn
+(`net.keys`), whatever the ranks are: those that go on read equal shares of the records, and send
+them to the ranks that own these places now. No rank ever holds all.
 """
 
 from __future__ import annotations
 
-import errno
 import hashlib
+import io
 import json
 import math
 import os
+import re
 import shlex
-import shutil
-import struct
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import MISSING, asdict, dataclass, fields
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from .. import __version__
 from ..case.schema import Case
 from ..errors import InputError
-from ..parallel import on_root, send_by_rank
-from .folder import lock_directory, prepare_directory, unlock_directory
+from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
+from .folder import (
+    CHECKPOINT,
+    PUT_ASIDE,
+    claim,
+    foreign,
+    lock_directory,
+    open_regular,
+    prepare_directory,
+    read_small,
+    unlock_directory,
+)
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -49,44 +58,183 @@ if TYPE_CHECKING:
     from ..equilibrium.newton import Increment
     from ..equilibrium.newton import Path as SolutionPath
 
-T = TypeVar("T")
-
-FOLDER, NEWEST, PREVIOUS, PUT_ASIDE = "checkpoint", "newest", "previous", "checkpoint.old"
-FORMAT = 1
-NAME = b"cruciform_petsc checkpoint "
-KEY, POSITION = np.dtype("<i8"), np.dtype("<f8")
-SEAL = struct.Struct("<Q32s")  # length without the seal, SHA-256 of the SHA-256 of the blocks
-BLOCK = 1 << 20  # bytes that are read and hashed at a time
+NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
+FORMAT = 2  # 1: files, of version 0.1.0
+PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
 ANEW = "begin anew with cruciform-petsc run"
 
 
 class DamagedError(InputError):
-    """A checkpoint's file is not what was written."""
+    """A checkpoint is not what was written."""
+
+
+# -- what a manifest says --------------------------------------------------------------------------
+
+Count = Annotated[int, Field(ge=0)]
+Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _Path(_Table):
+    """Where the continuation has got to, but for positions; see `Kept`."""
+
+    target: Count
+    allowed: float | None
+    load: float
+
+
+class _Run(_Table):
+    """What it takes to go on, but for positions."""
+
+    case: dict[str, Any]
+    determines: dict[str, Any]
+    increments: list[dict[str, Any]]
+    controls: Annotated[list[float], Field(min_length=1, max_length=3)]  # of the positions
+    path: _Path
+    states: list[Hash]  # of the manifests of states asked for
+
+
+class _Manifest(_Table):
+    """What there is in a folder."""
+
+    program: str
+    format: int
+    arrays: dict[str, Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=3)]]
+    rows: Annotated[list[Count], Field(min_length=1)]  # of each rank's file
+    hashes: list[Hash]
+    run: _Run | None  # not of a state asked for
+
+
+def _record(shapes: Mapping[str, Sequence[int]]) -> np.dtype:
+    """What a file holds of one node."""
+    arrays = [(name, "<f8", tuple(shape)) for name, shape in shapes.items()]
+    return np.dtype([("key", "<i8"), *arrays])
+
+
+def _sealed(text: bytes) -> bytes:
+    """A JSON object with its checksum in front."""
+    return b'{"sha256":"%s",' % hashlib.sha256(text).hexdigest().encode() + text[1:]
+
+
+def _read_manifest(folder: Path) -> tuple[_Manifest, str]:
+    """Read and check it; returns its checksum, too. Not collective."""
+    path = folder / MANIFEST
+    if folder.parent.is_symlink() or not stat.S_ISDIR(os.lstat(folder).st_mode):
+        raise InputError(
+            f'"{folder}" is a file or behind a link, which no checkpoint of this version of '
+            f"cruciform_petsc ({__version__}) is: resume with the version that wrote it, or move "
+            f'"{folder.parent}" away and {ANEW}'
+        )
+    text = read_small(path)
+    body = b"{" + text[len(_sealed(b"{")) :]
+    if _sealed(body) != text:
+        raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
+    try:
+        data = json.loads(body)
+        program, number = str(data["program"]), int(data["format"])
+        if not (_is_bounded(data) and program.isprintable()):
+            raise ValueError
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        raise _senseless(folder) from None
+    if (program, number) != (__version__, FORMAT):
+        raise InputError(
+            f'"{folder}" was written by cruciform_petsc {program:.20} in format {number}, and this '
+            f"is {__version__}, which reads format {FORMAT}: resume with the version that wrote "
+            f"it, or {ANEW}"
+        )
+    try:
+        manifest = _Manifest.model_validate(data)
+        if len(manifest.rows) != len(manifest.hashes) or len(manifest.arrays) > 100:
+            raise ValueError
+    except ValueError:
+        raise _senseless(folder) from None
+    return manifest, hashlib.sha256(text).hexdigest()
+
+
+def _is_bounded(value: Any, depth: int = 0) -> bool:
+    """Whether nothing in JSON is too deep, not finite, too large a number, or an odd name."""
+    if isinstance(value, dict | list):
+        inner = value.values() if isinstance(value, dict) else value
+        names = all(name.isprintable() for name in value) if isinstance(value, dict) else True
+        return names and depth < 100 and all(_is_bounded(item, depth + 1) for item in inner)
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return not isinstance(value, int) or abs(value) < 2**53
+
+
+def _senseless(folder: Path) -> DamagedError:
+    return DamagedError(f'"{folder}" is damaged: its manifest makes no sense')
+
+
+# -- increments and the way they went --------------------------------------------------------------
 
 
 @dataclass
 class Kept:
-    """What a test goes on from; positions are those of local nodes (n_local, 2), ghosts filled.
+    """What a test goes on from; positions are those of local nodes (n_local, dim), ghosts filled.
 
     Attributes
     ----------
     states : list of (control, positions)
         The last three at most.
-    target : int
-        Number of the value asked for that was being made for.
-    allowed : float or None
-        Largest step, if it is not the usual one.
-    load : float
-        Reached, N, where loads are asked for.
+    path : dict
+        ``target``, the number of the value asked for that is being made for; ``allowed``, the
+        largest step (None: the usual one); ``load``, the one reached, N, where loads are asked for.
     asked : list of (control, positions)
         The states asked for that were reached.
     """
 
     states: list[tuple[float, np.ndarray]]
-    target: int
-    allowed: float | None
-    load: float
+    path: dict[str, Any]
     asked: list[tuple[float, np.ndarray]]
+
+
+def _plain(increment: Increment) -> dict[str, Any]:
+    return {name: np.asarray(value).tolist() for name, value in asdict(increment).items()}
+
+
+def _increment(data: dict[str, Any]) -> Increment:
+    from ..equilibrium.newton import Increment  # starts PETSc
+
+    blank = Increment(0.0, np.zeros(3), 0, 0.0, 0.0, [0.0])
+    if [(k, type(v)) for k, v in data.items()] != [(k, type(v)) for k, v in _plain(blank).items()]:
+        raise ValueError
+    increment = Increment(**data)
+    increment.energies = np.array(increment.energies, float).reshape(3)
+    increment.history = [float(value) for value in increment.history]
+    return increment
+
+
+def _is_way(case: Case, run: _Run, increments: list[Increment]) -> bool:
+    """Whether increments lead through the values asked for to where the path is."""
+    values = case.test.values_si
+    by_load = case.test.control == "load" != next(iter(case.test.controls))
+    before, asked = 0.0, 0
+    for increment in increments:
+        if asked == len(values):
+            return False
+        value, control = values[asked], increment.control
+        if not (by_load or min(before, value) <= control <= max(before, value)):
+            return False
+        reached = increment.load if by_load else control
+        if increment.asked and abs(reached - value) > 1e-6 * max(map(abs, values)):
+            return False
+        asked, before = asked + increment.asked, control
+    controls = [increment.control for increment in increments]
+    largest = max(map(abs, controls), default=math.inf)
+    return (
+        run.path.target == asked == len(run.states)
+        and run.controls[-1] == before
+        and (by_load or {0.0, *controls}.issuperset(run.controls))
+        and len(set(run.controls)) == len(run.controls)
+        and (run.path.allowed is None or run.path.allowed > 1e-12 * largest)
+    )
+
+
+# -- the checkpoint --------------------------------------------------------------------------------
 
 
 class Checkpoint:
@@ -103,12 +251,11 @@ class Checkpoint:
 
     def __init__(self, comm: MPI.Intracomm, directory: str | Path, case: Case):
         self.comm, self.directory, self.case = comm, Path(directory), case
-        self.folder = self.directory / FOLDER
+        self.folder = self.directory / CHECKPOINT
         self.increments: list[Increment] = []
         self.notes: list[str] = []
-        self._header: dict[str, Any] | None = None  # of the file to go on from
-        self._source = self.folder / NEWEST
-        self._states: list[str] = []  # seals of the files of states asked for
+        self._source: tuple[Path, _Manifest, _Run] | None = None  # what to go on from
+        self._states: list[str] = []  # checksums of the states asked for
         self._newest_is_good = False
 
     @classmethod
@@ -125,33 +272,30 @@ class Checkpoint:
         Raises
         ------
         InputError
-            On every rank: the folder cannot be made, or another run is writing to it.
+            On every rank: the folder cannot be made, another run is writing to it, or something
+            that is not the program's is in the way.
         """
         checkpoint = cls(comm, directory, case)
-        old = checkpoint.directory / PUT_ASIDE
+        folder, old = checkpoint.folder, checkpoint.directory / PUT_ASIDE
 
-        def prepare() -> bool:
-            try:
+        def prepare() -> list[str]:
+            with _telling(f'"{folder}" cannot be made'):
                 checkpoint.directory.mkdir(parents=True, exist_ok=True)
-                lock_directory(checkpoint.directory)
-                found = _is_there(checkpoint.directory)
-                if found:
-                    shutil.rmtree(old, ignore_errors=True)
-                    checkpoint.folder.rename(old)
-                checkpoint.folder.mkdir(exist_ok=True)
-                for path in checkpoint.folder.iterdir():
-                    path.unlink()
-            except OSError as error:
-                raise InputError(
-                    f'"{checkpoint.folder}" cannot be made: {error.strerror}'
-                ) from None
-            return found
+                notes = [lock_directory(checkpoint.directory)]
+                claim(folder)
+                if any((folder / name / MANIFEST).exists() for name in (NEWEST, PREVIOUS)):
+                    claim(old)
+                    _remove(old)
+                    folder.rename(old)
+                    notes.append(
+                        f'the checkpoint of a run that was not finished is now "{old}" '
+                        "(cruciform-petsc resume would have continued it)"
+                    )
+                _remove(folder)
+                folder.mkdir()
+            return [note for note in notes if note]
 
-        if on_root(comm, prepare):
-            checkpoint.notes.append(
-                f'the checkpoint of a run that was not finished is now "{old}" (cruciform-petsc '
-                "resume would have continued it)"
-            )
+        checkpoint.notes = on_root(comm, prepare)
         return checkpoint
 
     @classmethod
@@ -176,16 +320,18 @@ class Checkpoint:
             On every rank: there is none, it is of another case or program, or it is damaged and
             so is the one before it.
         """
-        folder = Path(directory) / FOLDER
         problems: list[str] = []
         for name in (NEWEST, PREVIOUS):
-            path = folder / name
-            if not on_root(comm, path.exists):
+            path = Path(directory) / CHECKPOINT / name
+            if not on_root(comm, partial(os.path.lexists, path)):
                 continue
             try:
-                header, _ = _open(comm, path)
-                checkpoint = cls(comm, directory, case or _case_of(path, header))
-                checkpoint._adopt(path, header)
+                manifest, _ = _open(comm, path)
+                if manifest.run is None:
+                    raise _senseless(path)
+                checkpoint = cls(comm, directory, case or _case_of(path, manifest.run))
+                checkpoint._adopt(path, manifest.run)
+                checkpoint._source = path, manifest, manifest.run
             except DamagedError as error:
                 problems.append(str(error))
                 continue
@@ -198,36 +344,24 @@ class Checkpoint:
             raise InputError(f"{problems[0]}{more}; {ANEW}")
         raise InputError(_nothing_there(Path(directory)))
 
-    def _adopt(self, path: Path, header: dict[str, Any]) -> None:
-        """Take over what a file's header says, if it is of this case."""
-        told = header.get("determines")
-        if not isinstance(told, dict):
-            raise _senseless(path)
-        differing = _differences(told, determines(self.case))
+    def _adopt(self, path: Path, run: _Run) -> None:
+        """Take over what a manifest says, if it is of this case."""
+        differing = _differences(run.determines, determines(self.case))
         if differing:
             shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
             raise InputError(
-                f'"{path}" belongs to another case ({shown} {_differ(differing)}): resume with '
-                f"the case as it was, or {ANEW}"
+                f'"{path}" belongs to another case ({shown} '
+                f"differ{'s' if len(differing) == 1 else ''}): resume with the case as it was, or "
+                f"{ANEW}"
             )
         try:
-            self.increments = [_increment(data) for data in header["increments"]]
-            self._states = [str(seal) for seal in header["states"]]
-            path_ = header["path"]
-            controls = [float(control) for control in path_["controls"]]
-            good = (
-                1 <= len(controls) <= 3
-                and len(self._states) == sum(increment.asked for increment in self.increments)
-                and isinstance(path_["target"], int)
-                and isinstance(path_["allowed"], float | None)
-                and isinstance(path_["load"], float)
-                and isinstance(header["nodes"], int)
-            )
+            self.increments = [_increment(data) for data in run.increments]
+            good = _is_way(self.case, run, self.increments)
         except (KeyError, TypeError, ValueError):
             good = False
         if not good:
             raise _senseless(path)
-        self._header, self._source = header, path
+        self._states = list(run.states)
 
     # -- reading ----------------------------------------------------------------------------------
 
@@ -244,59 +378,52 @@ class Checkpoint:
         InputError
             On every rank: a file is damaged, or is of another network.
         """
-        if self._header is None:
-            kept = Kept([(0.0, model.rest.copy())], 0, None, 0.0, [])
+        if self._source is None:
+            path_at_rest = {"target": 0, "allowed": None, "load": 0.0}
+            kept = Kept([(0.0, model.rest.copy())], path_at_rest, [])
             self._write(model, kept, [])
             return kept
-        path = self._header["path"]
-        positions = self._read(model, self._source, len(path["controls"]))
+        path, manifest, run = self._source
+        positions = self._read(model, path, manifest, len(run.controls))
         asked = []
-        controls = [increment.control for increment in self.increments if increment.asked]
-        for number, (seal, control) in enumerate(zip(self._states, controls, strict=True), 1):
+        reached = [increment.control for increment in self.increments if increment.asked]
+        for number, (seal, control) in enumerate(zip(self._states, reached, strict=True), 1):
             source = self.folder / f"state-{number}"
             try:
-                _, found = _open(self.comm, source)
+                manifest, found = _open(self.comm, source)
             except DamagedError as error:
                 raise InputError(f"{error}; {ANEW}") from None
             if found != seal:
                 raise InputError(f'"{source}" is of another run than its neighbours; {ANEW}')
-            asked.append((control, self._read(model, source, 1)[0]))
-        states = list(zip(map(float, path["controls"]), positions, strict=True))
-        return Kept(states, path["target"], path["allowed"], path["load"], asked)
+            asked.append((control, self._read(model, source, manifest, 1)[0]))
+        return Kept([*zip(run.controls, positions, strict=True)], run.path.model_dump(), asked)
 
-    def _read(self, model: FiniteNetwork, path: Path, count: int) -> list[np.ndarray]:
-        """``count`` positions (n_local, 2) from a file whose seal is good."""
-        comm, nodes = self.comm, model.nodes
+    def _read(
+        self, model: FiniteNetwork, folder: Path, manifest: _Manifest, count: int
+    ) -> list[np.ndarray]:
+        """``count`` positions (n_local, dim) from a folder that has been opened."""
+        comm, nodes, dim = self.comm, model.nodes, model.rest.shape[1]
         n = nodes.num_nodes_global
-        mine = slice(n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
-
-        def rows() -> tuple[np.ndarray, np.ndarray]:
-            with path.open("rb") as file:
-                file.readline()
-                file.readline()
-                begin = file.tell()
-                size = path.stat().st_size - SEAL.size - begin
-                if size != n * (KEY.itemsize + 2 * count * POSITION.itemsize):
-                    raise OSError("it is of another network")
-                return (
-                    _rows(file, begin, mine, KEY, ()),
-                    _rows(file, begin + n * KEY.itemsize, mine, POSITION, (count, 2)),
-                )
-
-        def problem(told: str) -> InputError:
-            return InputError(f'"{path}" cannot be used: {told}; {ANEW}')
-
-        keys, positions = _on_all(comm, rows, problem)
-        owner = model.network.partition.owner(crossover_of(keys))
-        keys, positions = send_by_rank(comm, owner, keys, positions)
+        if sum(manifest.rows) != n or manifest.arrays.get("positions") != [count, dim]:
+            raise InputError(f'"{folder}" is of another network; {ANEW}')
+        share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
+        records = on_all(comm, lambda: _records(folder, manifest, *share))
         own = nodes.node_key[: nodes.num_nodes_owned]
-        order = np.argsort(keys)
-        if not comm.allreduce(int(np.array_equal(keys[order], own))) == comm.size:
-            raise InputError(f'"{path}" is of another network; {ANEW}')
-        if not comm.allreduce(int(np.isfinite(positions).all())) == comm.size:
-            raise InputError(f'"{path}" holds positions that are not numbers; {ANEW}')
-        local = np.zeros((count, nodes.num_nodes_local, 2))
-        local[:, : len(own)] = positions[order].swapaxes(0, 1)
+        # Keys meet on ranks that follow from nothing but the key.
+        key, x = send_by_rank(
+            comm, _meeting(records["key"], comm.size), records["key"], records["positions"]
+        )
+        order = np.argsort(key)
+
+        def answer(wanted: np.ndarray) -> np.ndarray:
+            row = find_sorted(key[order], wanted)
+            return np.where(row[:, None, None] < 0, np.nan, x[order][row])
+
+        found = ask(comm, _meeting(own, comm.size), own, answer)
+        if not all(comm.allgather(bool(np.isfinite(found).all()))):
+            raise InputError(f'"{folder}" is of another network, or holds no numbers; {ANEW}')
+        local = np.zeros((count, nodes.num_nodes_local, dim))
+        local[:, : len(own)] = found.swapaxes(0, 1)
         return [nodes.halo.forward(x) for x in local]
 
     # -- writing ----------------------------------------------------------------------------------
@@ -307,7 +434,7 @@ class Checkpoint:
         Parameters
         ----------
         model : FiniteNetwork
-        path : solvers.nonlinear.Path
+        path : equilibrium.newton.Path
         increments : list of Increment
             All that were accepted, the last of which is where the path has got to.
 
@@ -318,103 +445,77 @@ class Checkpoint:
         """
         asked = sum(bool(increment.asked) for increment in increments)
         if asked > len(self._states):
-            name = f"state-{asked}"
-            control, x = path.states[-1]
-            header = {"state": asked, "control": control}
-            self._states.append(self._put(model, name, header, [x]))
-        kept = Kept(path.states, path.target, path.allowed, path.load, [])
-        self._write(model, kept, increments)
+            self._states.append(self._put(model, f"state-{asked}", [path.states[-1][1]], None))
+        way = {name: getattr(path, name) for name in ("target", "allowed", "load")}
+        self._write(model, Kept(path.states, way, []), increments)
 
     def _write(self, model: FiniteNetwork, kept: Kept, increments: list[Increment]) -> None:
-        header = {
+        run = {
             "case": self.case.model_dump(),
             "determines": determines(self.case),
-            "ranks": self.comm.size,
-            "nodes": model.nodes.num_nodes_global,
             "increments": [_plain(increment) for increment in increments],
-            "path": {
-                "controls": [float(control) for control, _ in kept.states],
-                "target": int(kept.target),
-                "allowed": None if kept.allowed is None else float(kept.allowed),
-                "load": float(kept.load),
-            },
+            "controls": [float(control) for control, _ in kept.states],
+            "path": kept.path,
             "states": self._states,
         }
-        self._put(model, NEWEST, header, [x for _, x in kept.states])
+        self._put(model, NEWEST, [x for _, x in kept.states], run)
         self._newest_is_good = True
 
     def _put(
-        self,
-        model: FiniteNetwork,
-        name: str,
-        header: dict[str, Any],
-        positions: list[np.ndarray],
+        self, model: FiniteNetwork, name: str, positions: list[np.ndarray], run: dict | None
     ) -> str:
-        """Write a file, seal it, read it back, and only then give it its name; returns its seal."""
+        """Write a folder and give it its name; returns the checksum of its manifest."""
         comm, nodes = self.comm, model.nodes
-        own, first, n = nodes.num_nodes_owned, nodes.node_offset, nodes.num_nodes_global
-        mine = slice(first, first + own)
-        keys = nodes.node_key[:own].astype(KEY)
-        place = np.stack([x[:own] for x in positions], axis=1).astype(POSITION)
-        head = NAME + f"{FORMAT}\n{json.dumps({'program': __version__, **header})}\n".encode()
-        begin = comm.bcast(len(head))
-        behind_keys = begin + n * KEY.itemsize
-        size = behind_keys + n * len(positions) * 2 * POSITION.itemsize
-        new, final = self.folder / "new", self.folder / name
+        own = nodes.num_nodes_owned
+        arrays = {"positions": np.stack([x[:own] for x in positions], axis=1)}
+        shapes = {name: array.shape[1:] for name, array in arrays.items()}
+        rows = comm.allgather(own)
+        records = np.empty(own, _record(shapes))
+        for key, array in ({"key": nodes.node_key[:own]} | arrays).items():
+            records[key] = array
+        data = io.BytesIO()
+        np.save(data, records, allow_pickle=False)
+        new = self.folder / comm.bcast(f"new-{os.getpid()}")
+        problem = f'the checkpoint "{self.folder / name}" cannot be written'
 
         def start() -> None:
-            with new.open("wb") as file:
-                _allocate(file.fileno(), size + SEAL.size)
-                file.write(head)
+            with _telling(problem):
+                lock_directory(self.directory)
+                claim(self.folder, adopt=True)
+                _remove(new)
+                new.mkdir()
 
-        def fill() -> None:
-            with new.open("rb+") as file:
-                file.seek(begin + first * KEY.itemsize)
-                file.write(keys.data)
-                file.seek(behind_keys + first * place[:1].nbytes)
-                file.write(place.data)
+        def fill() -> str:
+            with _telling(problem):
+                return _write_file(new / f"rank-{comm.rank}.npy", data.getvalue())
 
-        def seal_it() -> None:
-            with new.open("rb+") as file:
-                file.seek(size)
-                file.write(SEAL.pack(size, digest))
+        def finish() -> str:
+            manifest = {
+                "program": __version__, "format": FORMAT, "arrays": shapes, "rows": rows,
+                "hashes": hashes, "run": run,
+            }  # fmt: skip
+            text = json.dumps(manifest, separators=(",", ":"))
+            with _telling(problem):
+                seal = _write_file(new / MANIFEST, _sealed(text.encode()))
+                _sync(new)
+                if name == NEWEST and self._newest_is_good:
+                    _remove(self.folder / PREVIOUS)
+                    (self.folder / NEWEST).rename(self.folder / PREVIOUS)
+                _remove(self.folder / name)
+                new.rename(self.folder / name)
+                _sync(self.folder)
+            return seal
 
-        def settle() -> None:
-            with new.open("rb+") as file:
-                os.fsync(file.fileno())  # on each rank, as they may be on different machines
-                read = (
-                    _rows(file, begin, mine, KEY, keys.shape[1:]),
-                    _rows(file, behind_keys, mine, POSITION, place.shape[1:]),
-                )
-            if not (np.array_equal(read[0], keys) and np.array_equal(read[1], place)):
-                raise OSError("it reads otherwise than it was written")
-
-        def name_it() -> None:
-            if name == NEWEST and self._newest_is_good:
-                final.replace(self.folder / PREVIOUS)
-            new.replace(final)
-            _sync_folder(self.folder)
-
-        on_root(comm, lambda: lock_directory(self.directory))
         try:
-            _on_root(comm, start)
-            _on_all(comm, fill, InputError)
-            digest = _digest(comm, new, size)
-            _on_root(comm, seal_it)
-            _on_all(comm, settle, InputError)
-            _on_root(comm, name_it)
+            on_root(comm, start)
+            hashes = comm.gather(on_all(comm, fill))
+            return on_root(comm, finish)
         except InputError as error:
-            kept = on_root(comm, lambda: self._give_up(new))
-            raise InputError(
-                f'the checkpoint "{final}" cannot be written: {error}{"; " if kept else ""}{kept}'
-            ) from None
-        return digest.hex()
-
-    def _give_up(self, new: Path) -> str:
-        """Remove a file that is not whole; what to tell the user. Not collective."""
-        with suppress(OSError):
-            new.unlink(missing_ok=True)
-        return hint(self.directory, self.comm.size)
+            if comm.rank == 0:
+                with suppress(OSError, InputError):
+                    _remove(new)
+            kept = self.hint()
+            raise InputError(f"{error}{'; ' if kept else ''}{kept}") from None
 
     def hint(self) -> str:
         """How to go on with it, a sentence; "" if it cannot be."""
@@ -423,7 +524,8 @@ class Checkpoint:
     def remove(self) -> None:
         """Remove it, as the results are there. Problems are not worth a word then."""
         if self.comm.rank == 0:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            with suppress(OSError, InputError):
+                _remove(self.folder)
             unlock_directory(self.directory)
         self.comm.barrier()
 
@@ -451,30 +553,34 @@ def reopen(
     """
     if not on_root(comm, lambda: Path(target).exists()):
         raise InputError(f'there is no "{target}", name a folder of results or a case file')
-    if on_root(comm, lambda: Path(target).is_dir()):
-        if on_root(comm, lambda: not _is_there(target)):
-            raise InputError(_nothing_there(Path(target)))
+    case = None
+    directory = Path(target)
+    if on_root(comm, directory.is_dir):
+        if on_root(comm, lambda: not _is_there(directory)):
+            raise InputError(_nothing_there(directory))
         if overrides or output is not None:
             raise InputError(
                 f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
                 "case file: cruciform-petsc resume CASE"
             )
-        on_root(comm, lambda: lock_directory(Path(target)))
-        return Checkpoint.resume(comm, target)
-    case = Case.load_collective(comm, target, overrides)
-    directory = Path(case.output.directory if output is None else output)
-    if not case.test.finite:
-        raise InputError(
-            "a test at small displacements is one system of equations and has no checkpoints, "
-            f"{ANEW} {target}"
-        )
-    prepare_directory(comm, directory)
-    on_root(comm, lambda: lock_directory(directory))
-    if on_root(comm, lambda: not _is_there(directory) and not _is_finished(directory)):
+    else:
+        case = Case.load_collective(comm, target, overrides)
+        if not case.test.finite:
+            raise InputError(
+                "a test at small displacements is one system of equations and has no checkpoints, "
+                f"{ANEW} {target}"
+            )
+        directory = prepare_directory(comm, case.output.directory if output is None else output)
+    warning = on_root(comm, lambda: lock_directory(directory))
+    if case is not None and on_root(
+        comm, lambda: not _is_there(directory) and not _is_finished(directory)
+    ):
         checkpoint = Checkpoint.begin(comm, directory, case)
         checkpoint.notes.append(f'nothing was reached in "{directory}" yet, so it begins at rest')
-        return checkpoint
-    return Checkpoint.resume(comm, directory, case)
+    else:
+        checkpoint = Checkpoint.resume(comm, directory, case)
+    checkpoint.notes += [warning] if warning else []
+    return checkpoint
 
 
 def hint(directory: str | Path, ranks: int = 1) -> str:
@@ -521,172 +627,84 @@ def _differences(one: Any, other: Any, name: str = "") -> list[str]:
     return found
 
 
-def _differ(names: list[str]) -> str:
-    return "differ" if len(names) > 1 else "differs"
-
-
-def crossover_of(key: np.ndarray) -> np.ndarray:
-    """Lattice position (n, 2) of the crossover with whose owner a node is, by its key (n,).
-
-    See Network: a tail belongs to its crossover, an end between two to the lower one.
-    """
-    family = key >> 62
-    line = ((key >> 32) & ((1 << 30) - 1)) - (1 << 29)
-    place = (key & ((1 << 32) - 1)) - (1 << 31)
-    # 4 i - 1, 4 i, 4 i + 1 and 4 i + 2 are crossover i's.
-    along = (place + 1) >> 2
-    return np.where(family[:, None] == 0, np.stack([along, line], 1), np.stack([line, along], 1))
-
-
-# -- headers --------------------------------------------------------------------------------------
-
-
-def _plain(increment: Increment) -> dict[str, Any]:
-    data = asdict(increment)
-    return {name: np.asarray(value).tolist() for name, value in data.items()}
-
-
-def _increment(data: dict[str, Any]) -> Increment:
-    from ..equilibrium.newton import Increment  # starts PETSc
-
-    kinds: dict[str, Callable] = {"float": float, "int": int, "bool": bool}
-    values = {
-        field.name: kinds[str(field.type)](data[field.name])
-        for field in fields(Increment)
-        # Older checkpoints lack what has a default.
-        if str(field.type) in kinds and (field.name in data or field.default is MISSING)
-    }
-    return Increment(
-        energies=np.array(data["energies"], float).reshape(3),
-        history=[float(value) for value in data["history"]],
-        **values,
-    )
-
-
-def _case_of(path: Path, header: dict[str, Any]) -> Case:
+def _case_of(path: Path, run: _Run) -> Case:
     try:
-        return Case.from_data(header["case"])
-    except (InputError, KeyError):
+        return Case.from_data(run.case)
+    except InputError:
         raise _senseless(path) from None
 
 
-def _senseless(path: Path) -> DamagedError:
-    return DamagedError(f'"{path}" is damaged: its header makes no sense')
+# -- files and folders -----------------------------------------------------------------------------
 
 
-# -- sealed files ---------------------------------------------------------------------------------
-
-
-def _on_all(
-    comm: MPI.Intracomm, function: Callable[[], T], make_error: Callable[[str], Exception]
-) -> T:
-    """Call a function on every rank; an OSError on any is the error made of it on every rank."""
-    result, problem = None, None
+@contextmanager
+def _telling(problem: str, error: type[InputError] = InputError) -> Iterator[None]:
+    """Make an OSError an error that tells what it prevents."""
     try:
-        result = function()
-    except OSError as error:
-        problem = error.strerror or str(error)
-    problems = [told for told in comm.allgather(problem) if told]
-    if problems:
-        raise make_error(problems[0])
-    return result  # type: ignore[return-value]
+        yield
+    except OSError as reason:
+        raise error(f"{problem}: {reason.strerror or reason}") from None
 
 
-def _on_root(comm: MPI.Intracomm, function: Callable[[], None]) -> None:
-    """Call a function on rank 0; an OSError there is an InputError on every rank."""
-    _on_all(comm, function if comm.rank == 0 else lambda: None, InputError)
+def _meeting(key: np.ndarray, size: int) -> np.ndarray:
+    """Rank (n,) on which those who have a key and those who want it meet: all get equal shares."""
+    mixed = key.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # Knuth's: 2^64 / golden ratio
+    return ((mixed >> np.uint64(32)) % np.uint64(size)).astype(int)
 
 
-def _rows(
-    file: BinaryIO, begin: int, rows: slice, kind: np.dtype, shape: tuple[int, ...]
-) -> np.ndarray:
-    """Rows of an array that begins somewhere in a file; (n, *shape)."""
-    width = math.prod(shape)
-    file.seek(begin + rows.start * width * kind.itemsize)
-    data = file.read((rows.stop - rows.start) * width * kind.itemsize)
-    return np.frombuffer(data, kind).reshape(-1, *shape)
+def _open(comm: MPI.Intracomm, folder: Path) -> tuple[_Manifest, str]:
+    """Check a folder's manifest and all its files; returns its checksum, too. Collective."""
+
+    def read() -> tuple[_Manifest, str]:
+        with _telling(f'"{folder / MANIFEST}" cannot be read', DamagedError):
+            return _read_manifest(folder)
+
+    def check() -> None:
+        for rank in range(comm.rank, len(manifest.hashes), comm.size):
+            path = folder / f"rank-{rank}.npy"
+            with _telling(f'"{path}" cannot be read', DamagedError), open_regular(path) as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != manifest.hashes[rank]:
+                    raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
+            _nodes_of(folder, manifest, rank)
+
+    manifest, seal = on_root(comm, read)
+    on_all(comm, check)
+    return manifest, seal
 
 
-def _open(comm: MPI.Intracomm, path: Path) -> tuple[dict[str, Any], str]:
-    """Check a file's seal and version; returns its header and its seal. Collective."""
-    size, digest = on_root(comm, lambda: _read_seal(path))
-    if _digest(comm, path, size) != digest:
-        raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
-    return on_root(comm, lambda: _read_header(path)), digest.hex()
+def _nodes_of(folder: Path, manifest: _Manifest, rank: int) -> np.ndarray:
+    """Records of a rank's nodes, which stay on the disk."""
+    path = folder / f"rank-{rank}.npy"
+    with suppress(Exception):  # numpy's reader of headers has many for what it does not expect
+        records = np.lib.format.open_memmap(path, mode="r")
+        if records.dtype == _record(manifest.arrays) and records.shape == (manifest.rows[rank],):
+            return records
+    raise DamagedError(f'"{path}" is damaged: it does not hold what its manifest says')
 
 
-def _read_seal(path: Path) -> tuple[int, bytes]:
-    """Length without the seal, and digest, as the seal says; not collective."""
-    try:
-        with path.open("rb") as file:
-            first = file.readline(len(NAME) + 20)
-            size = file.seek(0, os.SEEK_END) - SEAL.size
-            file.seek(max(size, 0))
-            end = file.read(SEAL.size)
-    except FileNotFoundError:
-        raise DamagedError(f'"{path}" is missing') from None
-    except OSError as error:
-        raise DamagedError(f'"{path}" cannot be read: {error.strerror}') from None
-    if not first.startswith(NAME):
-        raise DamagedError(f'"{path}" is damaged, or no checkpoint of cruciform_petsc')
-    told, digest = SEAL.unpack(end) if size > 0 else (-1, b"")
-    if told != size:
-        raise DamagedError(f'"{path}" is damaged: it has been cut short or added to')
-    return size, digest
+def _records(folder: Path, manifest: _Manifest, first: int, stop: int) -> np.ndarray:
+    """Records first ... stop - 1 of those in all the files, one after the other."""
+    ends = np.cumsum([0, *manifest.rows])
+    share = [
+        _nodes_of(folder, manifest, rank)[max(first - begin, 0) : max(stop - begin, 0)]
+        for rank, (begin, end) in enumerate(pairwise(ends))
+        if begin < stop and first < end
+    ]
+    return np.concatenate([np.empty(0, _record(manifest.arrays)), *share])
 
 
-def _read_header(path: Path) -> dict[str, Any]:
-    """Header of a file whose seal is good; not collective."""
-    with path.open("rb") as file:
-        version = file.readline()[len(NAME) :].strip().decode("ascii", "replace")
-        line = file.readline()
-    if version != str(FORMAT):
-        raise InputError(
-            f'"{path}" has format {version}, and this version of cruciform_petsc '
-            f"({__version__}) reads format {FORMAT}: resume with the version that wrote it, "
-            f"or {ANEW}"
-        )
-    try:
-        header = dict(json.loads(line))
-        program = header["program"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise _senseless(path) from None
-    if program != __version__:
-        raise InputError(
-            f'"{path}" was written by cruciform_petsc {program}, and this is {__version__}: '
-            f"resume with the version that wrote it, or {ANEW}"
-        )
-    return header
+def _write_file(path: Path, data: bytes) -> str:
+    """Write a new file, see it onto the disk, and read it back; returns its checksum."""
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    if path.read_bytes() != data:
+        raise OSError("it reads otherwise than it was written")
+    return hashlib.sha256(data).hexdigest()
 
 
-def _digest(comm: MPI.Intracomm, path: Path, size: int) -> bytes:
-    """SHA-256 of the SHA-256 of a file's blocks, of which each rank reads its share. Collective."""
-    count = -(-size // BLOCK)
-    mine = range(count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size)
-
-    def hashes() -> bytes:
-        found = []
-        with path.open("rb") as file:
-            file.seek(mine.start * BLOCK)
-            for block in mine:
-                data = file.read(min(BLOCK, size - block * BLOCK))
-                found.append(hashlib.sha256(data).digest())
-        return b"".join(found)
-
-    told = _on_all(comm, hashes, lambda why: DamagedError(f'"{path}" cannot be read: {why}'))
-    return hashlib.sha256(b"".join(comm.allgather(told))).digest()
-
-
-def _allocate(handle: int, size: int) -> None:
-    """Take the room for a file at once, so that a full disk is known before anything is written."""
-    try:
-        os.posix_fallocate(handle, 0, size)
-    except OSError as error:
-        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
-            raise
-
-
-def _sync_folder(folder: Path) -> None:
+def _sync(folder: Path) -> None:
     """Names of files are on the disk only when their folder is."""
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -696,13 +714,31 @@ def _sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def _remove(folder: Path) -> None:
+    """Remove a checkpoint or a part of it; raise what `foreign` makes if something else stays."""
+    if not os.path.lexists(folder):
+        return
+    if folder.is_symlink() or not folder.is_dir():
+        raise foreign(folder)
+    for path in folder.iterdir():
+        if re.fullmatch(PARTS, path.name):
+            with suppress(InputError):
+                _remove(path)
+        elif re.fullmatch(FILES, path.name):
+            path.unlink()
+    for path in sorted(folder.rglob("*"), reverse=True):
+        raise foreign(path)
+    folder.rmdir()
+
+
 def _is_there(directory: str | Path) -> bool:
-    return any((Path(directory) / FOLDER / name).exists() for name in (NEWEST, PREVIOUS))
+    folder = Path(directory) / CHECKPOINT
+    return any(os.path.lexists(folder / name) for name in (NEWEST, PREVIOUS))
 
 
 def _is_finished(directory: Path) -> bool:
     """Whether results are there; a summary may be of a run before the one that was interrupted."""
-    return (directory / "summary.json").exists() and not (directory / FOLDER).exists()
+    return (directory / "summary.json").exists() and not (directory / CHECKPOINT).exists()
 
 
 def _nothing_there(directory: Path) -> str:

@@ -1,17 +1,26 @@
 # SPDX-License-Identifier: MIT
-"""The folder that results go to."""
+"""The folder that results go to: one run at a time, and nothing of the user's is touched.
+
+A file ``.cruciform-petsc.json`` in it names what the program has written there. Only that is ever
+removed or replaced; a folder in which something else has such a name is refused.
+"""
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import io
 import json
+import logging
 import os
+import secrets
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..parallel import on_root
@@ -19,12 +28,12 @@ from ..parallel import on_root
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+MANIFEST, PROGRAM = ".cruciform-petsc.json", "cruciform_petsc"
+CHECKPOINT, PUT_ASIDE = "checkpoint", "checkpoint.old"
 PATIENCE = 3.0  # s, with a run that is just being ended in the same folder
-# Folders that this process (of rank 0) has taken for itself, and their handles.
-_locks: dict[str, int] = {}
-# All that a run may leave but its checkpoint. What stays of an earlier one would look like the
-# results of the next.
-RESULTS = (
+LARGEST = 64  # MiB, of a JSON file
+# What each command may leave. A run removes what an earlier one left, lest it looks like its own.
+OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
     "crossovers.csv", "preform.inp", "scene.png", "yarns.png", "stages.png", "energy.png",
@@ -33,15 +42,111 @@ RESULTS = (
     "load_against_deflection.png", "load_against_extension.png", "load_against_angle.png",
     "load_against_crosshead.png",
 )  # fmt: skip
+OF_CALIBRATION = (
+    "calibration.json", "calibration.csv", "calibration.png", "law.toml", "hold_out.csv",
+)  # fmt: skip
+OF_COMPARISON = ("comparison.json", "comparison.png")
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, CHECKPOINT, PUT_ASIDE)
 
 
-def remove_results(comm: MPI.Intracomm, folder: Path) -> str:
-    """Remove what an earlier run left in its folder; other files stay. Collective.
+# Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
+# the program has written there.
+_locked: dict[str, tuple[int, set[str]]] = {}
+
+
+# -- reading what may come from anywhere -----------------------------------------------------------
+
+
+def open_regular(path: Path) -> io.BufferedReader:
+    """Open a regular file for reading; OSError for a link, a pipe, a device."""
+    if not stat.S_ISREG(os.lstat(path).st_mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    flags = os.O_NOFOLLOW | os.O_NONBLOCK
+    return open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags))
+
+
+def read_small(path: Path) -> bytes:
+    """Read a regular file of at most `LARGEST` MiB; OSError if it is another."""
+    with open_regular(path) as file:
+        data = file.read((LARGEST << 20) + 1)
+    if len(data) > LARGEST << 20:
+        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} MiB")
+    return data
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Read an object from a JSON file; empty if there is none, or something else."""
+    try:
+        data = json.loads(read_small(path))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return data if isinstance(data, dict) else {}
+
+
+# -- whose files they are --------------------------------------------------------------------------
+
+
+def _names_in(directory: Path) -> set[str]:
+    """Names of what this program has written into a folder."""
+    manifest = _read_json(directory / MANIFEST)
+    if manifest.get("program") == PROGRAM and isinstance(manifest.get("files"), list):
+        return {name for name in manifest["files"] if name in KNOWN}
+    versions = _read_json(directory / OF_RUN[0]).get("versions")
+    if not (isinstance(versions, dict) and PROGRAM in versions):
+        return set()
+    # Results of version 0.1.0, which had no manifest.
+    return {name for name in OF_RUN if os.path.lexists(directory / name)}
+
+
+def _save(directory: Path, names: set[str]) -> None:
+    """Write a folder's manifest; OSError if that cannot be."""
+    new = directory / f"{MANIFEST}.{secrets.token_hex(4)}"
+    with new.open("x", encoding="utf-8") as file:
+        try:
+            json.dump({"program": PROGRAM, "files": sorted(names)}, file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+            new.replace(directory / MANIFEST)
+        except OSError:
+            new.unlink(missing_ok=True)
+            raise
+
+
+def claim(path: Path, *, adopt: bool = False) -> None:
+    """Note that the program is about to write a file or folder of its own; not collective.
+
+    Only where this process has locked the folder. ``adopt``: what is there is the program's.
+    Raises InputError if it is not, OSError if it cannot be noted.
+    """
+    written = _written(path.parent)
+    if written is None or path.name in written or path.name not in KNOWN:
+        return
+    if os.path.lexists(path) and not adopt:
+        raise foreign(path)
+    _save(path.parent, written | {path.name})
+    written.add(path.name)
+
+
+def _written(directory: Path) -> set[str] | None:
+    """Names of what the program has written into a folder that this process has locked."""
+    return _locked.get(os.path.realpath(directory), (0, None))[1]
+
+
+def foreign(path: Path) -> InputError:
+    """Make the error for something in the way that is not the program's."""
+    return InputError(
+        f'"{path}" was not written by this version of cruciform-petsc, which therefore leaves it '
+        "alone: move it elsewhere, or have the results go to another folder with --output"
+    )
+
+
+def remove_results(comm: MPI.Intracomm, directory: Path) -> str:
+    """Remove what an earlier run left in a locked folder; all else stays. Collective.
 
     Returns
     -------
     str
-        What it was, for the log; empty if there was nothing.
+        What it was, for the log; empty if it is not known.
 
     Raises
     ------
@@ -50,20 +155,26 @@ def remove_results(comm: MPI.Intracomm, folder: Path) -> str:
     """
 
     def remove() -> str:
-        told = ""
-        with suppress(OSError, ValueError, KeyError, TypeError):
-            old = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-            told = f'"{old["title"]}" of {old["date"]}'
-        for name in RESULTS:
-            try:
-                (folder / name).unlink(missing_ok=True)
-            except OSError as error:
-                raise InputError(
-                    f'"{folder / name}" of an earlier run cannot be removed: {error.strerror}'
-                ) from None
-        return told
+        old = _read_json(directory / OF_RUN[0])
+        names = _written(directory) or set()
+        removed = names.intersection(OF_RUN)
+        names -= removed
+        try:
+            for path in [directory / name for name in removed]:
+                path.unlink(missing_ok=True)
+            path = directory / MANIFEST
+            if removed:
+                _save(directory, names)
+        except OSError as error:
+            raise InputError(
+                f'"{path}" of an earlier run cannot be removed: {error.strerror}'
+            ) from None
+        return f'"{old.get("title")}" of {old["date"]}' if removed and "date" in old else ""
 
     return on_root(comm, remove)
+
+
+# -- one run at a time -----------------------------------------------------------------------------
 
 
 def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
@@ -75,7 +186,7 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
     ----------
     comm : mpi4py communicator
     path : str or Path
-        Made with its parents.
+        Made with its parents. It may be a link to a folder.
 
     Returns
     -------
@@ -86,6 +197,8 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
     InputError
         On every rank: a file is in the way, or the folder cannot be made or written to.
     """
+    if not str(path):
+        raise InputError("--output must be a name that is not empty, got ''")
 
     def prepare() -> Path:
         folder = Path(path)
@@ -105,10 +218,15 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
     return on_root(comm, prepare)
 
 
-def lock_directory(directory: Path) -> None:
+def lock_directory(directory: Path) -> str:
     """Take a folder for this process until it ends; not collective.
 
     Two runs that write to one folder would each take the other's files for its own.
+
+    Returns
+    -------
+    str
+        What the user should know: that it cannot be locked. Empty otherwise.
 
     Raises
     ------
@@ -116,8 +234,9 @@ def lock_directory(directory: Path) -> None:
         Another process has it and keeps it for some seconds more, or it cannot be opened.
     """
     name = os.path.realpath(directory)
-    if name in _locks:
-        return
+    if name in _locked:
+        return ""
+    warning = ""
     try:
         handle = os.open(name, os.O_RDONLY)
     except OSError as error:
@@ -126,6 +245,7 @@ def lock_directory(directory: Path) -> None:
     while True:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
         except BlockingIOError:
             if time.monotonic() > deadline:
                 os.close(handle)
@@ -134,25 +254,59 @@ def lock_directory(directory: Path) -> None:
                     "one another folder with --output"
                 ) from None
             time.sleep(0.05)
-            continue
-        except OSError:
-            pass  # a file system without locks
-        _locks[name] = handle
-        return
+        except OSError as error:
+            warning = (
+                f'"{directory}" cannot be locked ({error.strerror}), so see to it that no other '
+                "run writes to it"
+            )
+            break
+    _locked[name] = handle, _names_in(directory)
+    return warning
 
 
 def unlock_directory(directory: Path) -> None:
     """Give a folder back; not collective."""
-    handle = _locks.pop(os.path.realpath(directory), None)
-    if handle is not None:
-        os.close(handle)
+    name = os.path.realpath(directory)
+    if name in _locked:
+        os.close(_locked.pop(name)[0])
 
 
 @contextmanager
-def locked(comm: MPI.Intracomm, directory: Path) -> Iterator[None]:
-    """Have a folder for this run alone while the block runs. Collective."""
-    on_root(comm, lambda: lock_directory(directory))
+def locked(
+    comm: MPI.Intracomm, directory: str | Path, names: tuple[str, ...], log: logging.Logger
+) -> Iterator[None]:
+    """Have a folder for this command alone while the block runs. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    directory : str or Path
+        Made if it is not there.
+    names : tuple of str
+        Of what the command may write.
+    log : logging.Logger
+        Is warned where the file system cannot lock.
+
+    Raises
+    ------
+    InputError
+        On every rank: the folder cannot be used, another run is writing to it, or something in it
+        that is not the program's has one of the names.
+    """
+    folder = prepare_directory(comm, directory)
+
+    def lock() -> str:
+        warning = lock_directory(folder)
+        written = _written(folder) or set()
+        for name in names:
+            if name not in written and os.path.lexists(folder / name):
+                raise foreign(folder / name)
+        return warning
+
     try:
+        warning = on_root(comm, lock)
+        if warning:
+            log.warning("warning       %s", warning)
         yield
     finally:  # on rank 0, wherever the others are
-        unlock_directory(directory)
+        unlock_directory(folder)

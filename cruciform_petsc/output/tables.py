@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
+import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..parallel import on_all, on_root
+from .folder import claim
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -127,11 +128,12 @@ def written_by_all(
 def start_file(path: str | Path) -> Path:
     """Make an empty file beside ``path`` and return its name; InputError if that cannot be."""
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
         if path.is_dir():
             raise OSError("a folder has that name")
-        temporary.touch()
+        claim(path)
+        temporary.touch(exist_ok=False)  # which follows no link
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         raise _cannot_write(path, error) from None
     return temporary

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: MIT
 """A test that was interrupted goes on as if it had not been, and never from damaged files."""
 
+import io
 import json
+import operator
+import os
 import pickle
 import pkgutil
 import resource
 import shutil
+from functools import reduce
 from hashlib import sha256
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +21,8 @@ from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.net.nodes import Nodes
-from cruciform_petsc.output.checkpoint import BLOCK, NAME, SEAL, Checkpoint, crossover_of
+from cruciform_petsc.output.checkpoint import Checkpoint
+from cruciform_petsc.output.folder import MANIFEST as NAMES
 
 COMM = MPI.COMM_SELF
 BIAS = {"kind": "bias-extension", "extension": ["1 mm", "3 mm", "4 mm"], "increments": 8}
@@ -76,7 +80,7 @@ def undisturbed():
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory):
-    """Results of a run that was killed after six of its increments, one of them asked for."""
+    """Results of a run that was killed after six of its increments, two of them asked for."""
     folder = tmp_path_factory.mktemp("killed")
     assert solve(case_of(), Checkpoint.begin(COMM, folder, case_of()), stop=6) is None
     return folder
@@ -190,13 +194,19 @@ def refused(folder, case=None):
     return text
 
 
+def parts(folder):
+    """Content of all files of a checkpoint, by their names within it."""
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
 def harms(data, random):
     """Many ways to spoil a file."""
     n = len(data)
     yield "empty", b""
-    for at in {0, 1, n - 1, n - SEAL.size, *random.integers(0, n, 30)}:
+    for at in {0, 1, n - 1, *random.integers(0, n, 15)}:
         yield f"cut at {at}", data[:at]
-    for at in {0, n - 1, n - SEAL.size, *random.integers(0, n, 60)}:
+    for at in {0, 80, n - 1, *random.integers(0, n, 30)}:
         bit = 1 << int(random.integers(8))
         yield f"flipped at {at}", data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :]
     yield "one byte more", data + b"x"
@@ -216,49 +226,55 @@ class Bomb:
         return pytest.fail, ("loading a file ran code",)
 
 
-def test_damage_to_the_newest_is_told_and_the_one_before_taken(copy):
-    newest = copy / "checkpoint" / "newest"
-    good = newest.read_bytes()
-    spoiled = dict(harms(good, np.random.default_rng(1)))
+FILES = ["manifest.json", "rank-0.npy"]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_damage_to_the_newest_is_told_and_the_one_before_taken(copy, name):
+    path = copy / "checkpoint" / "newest" / name
+    spoiled = dict(harms(path.read_bytes(), np.random.default_rng(1)))
     spoiled["pickle"] = pickle.dumps(Bomb())
-    assert len(spoiled) > 90
+    spoiled["missing"] = None
+    assert len(spoiled) > 50
     for harm, data in spoiled.items():
-        newest.write_bytes(data)
+        path.unlink() if data is None else path.write_bytes(data)
         checkpoint = Checkpoint.resume(COMM, copy)
         assert len(checkpoint.increments) == 5, harm
         (note,) = checkpoint.notes
-        assert str(newest) in note
+        assert str(path) in note
         assert "going on from the one before it" in note, harm
 
 
-def test_damage_to_both_is_refused(copy):
+@pytest.mark.parametrize("name", FILES)
+def test_damage_to_both_is_refused(copy, name):
     folder = copy / "checkpoint"
-    (folder / "newest").write_bytes(b"")
-    good = (folder / "previous").read_bytes()
-    for harm, data in harms(good, np.random.default_rng(2)):
-        (folder / "previous").write_bytes(data)
+    (folder / "newest" / "manifest.json").write_bytes(b"")
+    path = folder / "previous" / name
+    for harm, data in harms(path.read_bytes(), np.random.default_rng(2)):
+        path.write_bytes(data)
         text = refused(copy)
         assert "and so is the one before it; begin anew" in text, harm
 
 
-def test_damage_to_a_state_is_refused(copy):
+@pytest.mark.parametrize("name", FILES)
+def test_damage_to_a_state_is_refused(copy, name):
     """Results need it."""
-    state = copy / "checkpoint" / "state-1"
+    path = copy / "checkpoint" / "state-1" / name
     # The network is made for each of them, which takes its time.
-    for harm, data in list(harms(state.read_bytes(), np.random.default_rng(3)))[::5]:
-        state.write_bytes(data)
+    for harm, data in list(harms(path.read_bytes(), np.random.default_rng(3)))[::5]:
+        path.write_bytes(data)
         assert "begin anew" in refused(copy), harm
-    state.unlink()
-    assert "is missing" in refused(copy)
+    shutil.rmtree(path.parent)
+    assert "cannot be read: No such file" in refused(copy)
 
 
 def test_going_on_from_the_one_before_mends_the_newest(copy, undisturbed):
-    """And does not put the damaged file in the place of the good one."""
+    """And does not put the damaged one in the place of the good one."""
     folder = copy / "checkpoint"
-    (folder / "newest").write_bytes(b"damaged")
-    good = (folder / "previous").read_bytes()
+    (folder / "newest" / "rank-0.npy").write_bytes(b"damaged")
+    good = parts(folder / "previous")
     assert solve(case_of(), Checkpoint.resume(COMM, copy), stop=1) is None
-    assert (folder / "previous").read_bytes() == good
+    assert parts(folder / "previous") == good
     checkpoint = Checkpoint.resume(COMM, copy)
     assert checkpoint.notes == []
     assert len(checkpoint.increments) == 6
@@ -268,65 +284,265 @@ def test_going_on_from_the_one_before_mends_the_newest(copy, undisturbed):
 def test_killed_between_the_renames(copy, undisturbed):
     """The newest has become the previous, and the new one has no name yet."""
     folder = copy / "checkpoint"
-    (folder / "newest").replace(folder / "previous")
-    (folder / "new").write_bytes(b"half")
+    shutil.rmtree(folder / "previous")
+    (folder / "newest").rename(folder / "previous")
+    new = folder / f"new-{os.getpid()}"
+    new.mkdir()
+    (new / "rank-0.npy").write_bytes(b"half")
     checkpoint = Checkpoint.resume(COMM, copy)
     assert len(checkpoint.increments) == 6
     curves_agree(solve(case_of(), checkpoint), undisturbed)
-    assert not (folder / "new").exists()
+    assert not new.exists()
 
 
-def rewrite(path, change):
-    """Change the header of a file and seal it again."""
-    data = path.read_bytes()[: -SEAL.size]
-    first, head, rest = data.split(b"\n", 2)
-    header = json.loads(head)
-    first, header = change(first, header)
-    data = b"\n".join([first, json.dumps(header).encode(), rest])
-    blocks = [sha256(data[at : at + BLOCK]).digest() for at in range(0, len(data), BLOCK)]
-    path.write_bytes(data + SEAL.pack(len(data), sha256(b"".join(blocks)).digest()))
+# -- checkpoints that somebody has made up --------------------------------------------------------
+
+
+def seal(folder, text):
+    """Write a manifest with the right checksum in front of a JSON object's text."""
+    digest = sha256(text).hexdigest().encode()
+    (folder / "manifest.json").write_bytes(b'{"sha256":"' + digest + b'",' + text[1:])
+
+
+def forge(folder, change):
+    """Change a manifest, and take the checksums of what lies beside it now."""
+    data = json.loads((folder / "manifest.json").read_bytes())
+    data.pop("sha256")
+    files = sorted(folder.glob("rank-*.npy"), key=lambda path: int(path.stem[5:]))
+    data["hashes"] = [sha256(path.read_bytes()).hexdigest() for path in files]
+    data = change(data) or data
+    seal(folder, json.dumps(data, separators=(",", ":")).encode())
+
+
+def forge_both(folder, change):
+    """In the newest and in the one before, so that none is left to go on from."""
+    for name in ("newest", "previous"):
+        forge(folder / "checkpoint" / name, change)
 
 
 def test_foreign_checkpoints_are_refused(copy):
-    """Whole, but of another program, format, case or network; the one before it is no help."""
+    """Whole, but of another program, format or case; the one before it is no help."""
     newest = copy / "checkpoint" / "newest"
-    good = newest.read_bytes()
-    rewrite(newest, lambda first, header: (first, header))
-    assert newest.read_bytes() == good
-
-    rewrite(newest, lambda first, header: (NAME + b"7", header))
-    assert f"has format 7, and this version of cruciform_petsc ({__version__})" in refused(copy)
-    newest.write_bytes(good)
-    rewrite(newest, lambda first, header: (first, header | {"program": "9.9"}))
-    assert f"was written by cruciform_petsc 9.9, and this is {__version__}" in refused(copy)
-
-    newest.write_bytes(good)
+    good = parts(newest)
+    forge(newest, lambda data: None)
+    assert parts(newest) == good
+    forge(newest, lambda data: data | {"format": 7})
+    assert f"in format 7, and this is {__version__}, which reads format 2" in refused(copy)
+    forge(newest, lambda data: data | {"format": 2, "program": "9.9"})
+    assert "was written by cruciform_petsc 9.9 in" in refused(copy)
+    forge(newest, lambda data: data | {"program": __version__})
     text = refused(copy, case_of(BIAS | {"extension": ["1 mm", "3 mm", "5 mm"]}))
     assert "belongs to another case (test.extension differs)" in text
     other = case_of(FREE, "30 deg")
     assert "belongs to another case (preform.bias_angle, test.kind" in refused(copy, other)
 
 
+def test_checkpoints_of_the_first_format_are_refused(copy):
+    """They were files. What to do is said, and `run` does not take them for its own."""
+    folder = copy / "checkpoint"
+    shutil.rmtree(folder / "newest")
+    (folder / "newest").write_bytes(b"cruciform_petsc checkpoint 1\n{}\n")
+    assert f'resume with the version that wrote it, or move "{folder}" away' in refused(copy)
+    with pytest.raises(InputError, match="checkpoint.* was not written by this version"):
+        Checkpoint.begin(COMM, copy, case_of())
+    assert (folder / "newest").is_file()
+
+
 def test_a_state_is_no_checkpoint(copy):
-    shutil.copy(copy / "checkpoint" / "state-1", copy / "checkpoint" / "newest")
+    folder = copy / "checkpoint"
+    shutil.rmtree(folder / "newest")
+    shutil.copytree(folder / "state-1", folder / "newest")
     (note,) = Checkpoint.resume(COMM, copy).notes
-    assert "is damaged: its header makes no sense; going on from the one before it" in note
+    assert "is damaged: its manifest makes no sense; going on from the one before it" in note
 
 
-@pytest.mark.parametrize("key", ["increments", "path", "states", "nodes", "case", "determines"])
-@pytest.mark.parametrize("value", [None, "text", [1], {"a": []}, "missing"])
-def test_headers_without_sense_are_refused(copy, key, value):
+TOP = ["format", "program", "arrays", "rows", "hashes"]
+RUN = ["increments", "path", "controls", "states", "case", "determines"]
+
+
+@pytest.mark.parametrize("key", [*TOP, *RUN])
+@pytest.mark.parametrize(
+    "value", [None, "text", [1], {"a": []}, True, -1, 10**30, [[]] * 3, "missing"]
+)
+def test_manifests_without_sense_are_refused(copy, key, value):
     """Nobody writes them; but whoever does gets a sentence, too."""
-    for name in ("newest", "previous"):
 
-        def change(first, header):
-            if value == "missing":
-                header.pop(key)
-                return first, header
-            return first, header | {key: value}
+    def change(data):
+        table = data["run"] if key in RUN else data
+        table[key] = value
+        if value == "missing":
+            table.pop(key)
 
-        rewrite(copy / "checkpoint" / name, change)
+    forge_both(copy, change)
     refused(copy)
+
+
+def setting(*names_and_value):
+    """A change that sets a value within a manifest: setting("run", "path", "target", 3)."""
+    *names, last, value = names_and_value
+
+    def change(data):
+        for name in names:
+            data = data[name]
+        data[last] = value
+
+    return change
+
+
+FORGED = {
+    "control is not finite": setting("run", "controls", 0, float("nan")),
+    "positions twice at a control": lambda data: operator.setitem(
+        data["run"]["controls"], 0, data["run"]["controls"][-1]
+    ),
+    "positions of no increment": setting("run", "controls", 0, 1.234e-3),
+    "increments end elsewhere": setting("run", "increments", -1, "control", 1.9e-3),
+    "increments turn back": setting("run", "increments", 0, "control", 1.4e-3),
+    "increments set out backwards": setting("run", "increments", 0, "control", -0.3e-3),
+    "increments go too far": setting("run", "increments", -1, "control", 3.5e-3),
+    "infinite load": setting("run", "increments", 0, "load", float("inf")),
+    "load beyond numbers": setting("run", "increments", 0, "load", 10**400),
+    "whole number that is none": setting("run", "increments", 0, "iterations", 2.5),
+    "huge whole number": setting("run", "increments", 0, "iterations", 10**4000),
+    "yes and no": setting("run", "increments", 0, "asked", 1),
+    "an increment's energies": setting("run", "increments", 0, "energies", [1.0]),
+    "a nested history": setting("run", "increments", 0, "history", [[1.0]]),
+    "an increment more than asked": setting("run", "increments", 0, "more", 1),
+    "a state not reached": setting("run", "increments", 0, "asked", True),
+    "target beyond the values": setting("run", "path", "target", 3),
+    "target behind": setting("run", "path", "target", 0),
+    "a step that never ends": setting("run", "path", "allowed", 1e-300),
+    "a step of nothing": setting("run", "path", "allowed", 0.0),
+    "a step back": setting("run", "path", "allowed", -1e-4),
+    "load is not finite": setting("run", "path", "load", float("-inf")),
+    "states that are not told": setting("run", "states", []),
+    "states that are no checksums": setting("run", "states", ["../../state"]),
+    "no ranks": setting("rows", []),
+    "more ranks than files": setting("rows", [100, 100]),
+    "fewer rows": setting("rows", [17]),
+    "rows beyond numbers": setting("rows", [10**400]),
+    "wide arrays": setting("arrays", "positions", [100, 100]),
+    "arrays without end": setting("arrays", "positions", [10**9, 10**9]),
+    "another array": setting("arrays", {"velocity": [3, 2]}),
+    "an array of keys": setting("arrays", {"key": [3, 2]}),
+    "deep case": setting("run", "case", reduce(lambda inner, _: {"a": inner}, range(800), 1)),
+    "control characters": setting("run", "determines", {"\x1b[2J": 1}),
+}
+
+
+@pytest.mark.parametrize("what", FORGED)
+def test_forged_manifests_are_refused(copy, what):
+    """When they are opened, in one sentence; all checksums are right."""
+    forge_both(copy, FORGED[what])
+    text = refused(copy)
+    assert "begin anew" in text
+    assert text.isprintable()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b'{"a":' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+        b'{"a":' * 3_000 + b"1" + b"}" * 3_000,
+        b'{"program":' + b"9" * 5_000 + b"}",
+        b'{"program":"x","format":1e999}',
+        b"{}",
+        b'{"\xff":1}',
+    ],
+    ids=["deep list", "deep table", "digits", "infinite", "nothing", "not UTF-8"],
+)
+def test_texts_that_are_hard_to_read(copy, text):
+    """No RecursionError, no other error than a sentence."""
+    for name in ("newest", "previous"):
+        seal(copy / "checkpoint" / name, text)
+    assert "makes no sense, and so is the one before it; begin anew" in refused(copy)
+
+
+def array(records, **options):
+    """Bytes of an .npy file."""
+    file = io.BytesIO()
+    np.save(file, records, **options)
+    return file.getvalue()
+
+
+def record_files(good):
+    """Files with the right checksum that do not hold what the manifest says."""
+    records = np.load(io.BytesIO(good))
+    yield "empty", b""
+    yield "no array", b"PK\x03\x04 zip"
+    yield "another type", array(records["positions"])
+    yield "another name", good.replace(b"positions", b"velocitys")
+    yield "a row less", array(records[:-1])
+    yield "two dimensions", array(records[:, None])
+    yield "objects", array(np.array([Bomb()], object), allow_pickle=True)
+    yield "cut short", good[:-8]
+    yield "nested head", good[:10] + b"(" * 118 + good[128:]
+    yield "endless shape", good.replace(b"(%d,)" % len(records), b"(9999999999999,)")
+
+
+def test_files_that_do_not_hold_what_the_manifest_says(copy):
+    for name in ("newest", "previous"):
+        path = copy / "checkpoint" / name / "rank-0.npy"
+        for what, data in record_files(path.read_bytes()):
+            path.write_bytes(data)
+            forge(path.parent, lambda data: None)
+            if name == "newest":
+                (note,) = Checkpoint.resume(COMM, copy).notes
+                assert "does not hold what its manifest says" in note, what
+            else:
+                assert "and so is the one before it" in refused(copy), what
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_positions_that_are_no_numbers(copy, value):
+    path = copy / "checkpoint" / "newest" / "rank-0.npy"
+    records = np.load(path)
+    records["positions"][7, 1, 0] = value
+    path.write_bytes(array(records))
+    forge(path.parent, lambda data: None)
+    assert "is of another network, or holds no numbers" in refused(copy)
+
+
+@pytest.mark.parametrize("key", [-1, 0, 2**63 - 1, "twice"])
+def test_keys_of_no_node(copy, key):
+    path = copy / "checkpoint" / "newest" / "rank-0.npy"
+    records = np.load(path)
+    records["key"][3] = records["key"][4] if key == "twice" else key
+    path.write_bytes(array(records))
+    forge(path.parent, lambda data: None)
+    assert "is of another network" in refused(copy)
+
+
+def test_pipes_and_links_are_not_read(copy):
+    """They would wait for ever, or lead elsewhere; so would a manifest without end."""
+    folder = copy / "checkpoint"
+    for name in FILES:
+        path = folder / "newest" / name
+        good = path.read_bytes()
+        path.unlink()
+        os.mkfifo(path)
+        assert "it is no regular file; going on from" in Checkpoint.resume(COMM, copy).notes[0]
+        path.unlink()
+        path.symlink_to("/dev/zero")
+        assert "it is no regular file; going on from" in Checkpoint.resume(COMM, copy).notes[0]
+        path.unlink()
+        path.write_bytes(good)
+    manifest = folder / "newest" / "manifest.json"
+    os.truncate(manifest, 2**40)  # takes no room on the disk
+    assert "it is larger than 64 MiB; going on from" in Checkpoint.resume(COMM, copy).notes[0]
+
+
+def test_folders_behind_links_are_refused(copy, tmp_path_factory):
+    """Going on would write to where they lead."""
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    folder = copy / "checkpoint"
+    for path in (folder, folder / "newest"):
+        path.rename(elsewhere / path.name)
+        path.symlink_to(elsewhere / path.name)
+        before = parts(elsewhere)
+        assert "behind a link" in refused(copy)
+        assert parts(elsewhere) == before
+        path.unlink()
+        (elsewhere / path.name).rename(path)
 
 
 def test_positions_of_another_network_are_refused(copy):
@@ -337,12 +553,12 @@ def test_positions_of_another_network_are_refused(copy):
     text = refused(copy, other)
     assert "preform.outline.rectangle differs" in text
 
-    # The header says it is of this case, and the nodes are others.
-    def lie(first, header):
-        header["determines"]["preform"] = data["preform"]
-        return first, header | {"case": data}
+    # The manifest says it is of this case, and the nodes are others.
+    def lie(manifest):
+        manifest["run"]["determines"]["preform"] = data["preform"]
+        manifest["run"]["case"] = data
 
-    rewrite(copy / "checkpoint" / "newest", lie)
+    forge(copy / "checkpoint" / "newest", lie)
     checkpoint = Checkpoint.resume(COMM, copy, other)
     with pytest.raises(InputError, match="of another network; begin anew"):
         solve(other, checkpoint)
@@ -358,27 +574,31 @@ def test_nothing_there(tmp_path):
 # -- writing --------------------------------------------------------------------------------------
 
 
-def test_begin_puts_an_unfinished_run_aside(copy):
-    good = (copy / "checkpoint" / "newest").read_bytes()
-    checkpoint = Checkpoint.begin(COMM, copy, case_of())
+def test_begin_puts_an_unfinished_run_aside(tmp_path):
+    checkpoint = Checkpoint.begin(COMM, tmp_path, case_of())
+    assert solve(case_of(), checkpoint, stop=2) is None
+    good = parts(tmp_path / "checkpoint")
+    checkpoint = Checkpoint.begin(COMM, tmp_path, case_of())
     assert "the checkpoint of a run that was not finished is now" in checkpoint.notes[0]
-    assert list((copy / "checkpoint").iterdir()) == []
-    assert (copy / "checkpoint.old" / "newest").read_bytes() == good
-    assert Checkpoint.begin(COMM, copy, case_of()).notes == []  # nothing had been reached
-    assert (copy / "checkpoint.old" / "newest").read_bytes() == good
+    assert list((tmp_path / "checkpoint").iterdir()) == []
+    assert parts(tmp_path / "checkpoint.old") == good
+    assert Checkpoint.begin(COMM, tmp_path, case_of()).notes == []  # nothing had been reached
+    assert parts(tmp_path / "checkpoint.old") == good
     checkpoint.remove()  # results of the new run are there; the old one can still be resumed
-    assert [path.name for path in copy.iterdir()] == ["checkpoint.old"]
-    (copy / "checkpoint.old").rename(copy / "checkpoint")
-    assert Checkpoint.resume(COMM, copy).increments
+    assert {path.name for path in tmp_path.iterdir()} == {"checkpoint.old", NAMES}
+    (tmp_path / "checkpoint.old").rename(tmp_path / "checkpoint")
+    assert Checkpoint.resume(COMM, tmp_path).increments
 
 
 STEPS = [
-    "cruciform_petsc.output.checkpoint._allocate",
-    "cruciform_petsc.output.checkpoint._digest",
-    "cruciform_petsc.output.checkpoint._rows",
-    "cruciform_petsc.output.checkpoint._sync_folder",
+    "cruciform_petsc.output.checkpoint._remove",
+    "cruciform_petsc.output.checkpoint._sync",
+    "cruciform_petsc.output.checkpoint._write_file",
     "os.fsync",
-    "pathlib.Path.replace",
+    "pathlib.Path.mkdir",
+    "pathlib.Path.rename",
+    "pathlib.Path.rmdir",
+    "pathlib.Path.unlink",
 ]
 
 
@@ -393,11 +613,11 @@ def test_killed_at_each_step_of_writing(killed, tmp_path, step, undisturbed, mon
             checkpoint = Checkpoint.resume(COMM, folder)
             restore, calls = checkpoint.restore, []
 
-            def dying(*arguments, calls=calls, call=call, after=after):
+            def dying(*arguments, calls=calls, call=call, after=after, **options):
                 calls.append(arguments)
                 if len(calls) == call and not after:
                     raise Stop
-                result = do(*arguments)
+                result = do(*arguments, **options)
                 if len(calls) == call:
                     raise Stop
                 return result
@@ -408,20 +628,24 @@ def test_killed_at_each_step_of_writing(killed, tmp_path, step, undisturbed, mon
                 return kept
 
             monkeypatch.setattr(checkpoint, "restore", restoring)
-            assert solve(case_of(), checkpoint) is None
+            result = solve(case_of(), checkpoint)
             monkeypatch.undo()
+            assert (result is None) == (len(calls) >= call), "killed"
+            assert calls
+            if result is not None:
+                continue
             checkpoint = Checkpoint.resume(COMM, folder)
             assert checkpoint.notes == []
             assert len(checkpoint.increments) >= 6
             curves_agree(solve(case_of(), checkpoint), undisturbed)
 
 
-@pytest.mark.parametrize("room", [0, 100, 3000, 12000])
+@pytest.mark.parametrize("room", [0, 100, 3000, 6000])
 def test_full_disk(copy, room, undisturbed):
     """One sentence that says how to go on, and the last good checkpoint is still there."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     folder = copy / "checkpoint"
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    before = parts(folder)
     checkpoint = Checkpoint.resume(COMM, copy)
     resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
     try:
@@ -433,44 +657,96 @@ def test_full_disk(copy, room, undisturbed):
         f'the checkpoint "{folder / "newest"}" cannot be written: File too large; what was reached '
         f"is kept, continue with: cruciform-petsc resume {copy}"
     )
-    after = {path.name: path.read_bytes() for path in folder.iterdir()}
-    if room < len(before["newest"]):
-        assert {name: after[name] for name in before} == before
-    assert "new" not in after
+    if room < max(map(len, before.values())):
+        assert parts(folder) == before
+    assert not list(folder.glob("new-*"))
     checkpoint = Checkpoint.resume(COMM, copy)
     assert checkpoint.notes == []
     assert len(checkpoint.increments) >= 6
     curves_agree(solve(case_of(), checkpoint), undisturbed)
 
 
-def test_failing_renames_and_reads_are_told(tmp_path, monkeypatch):
-    case = case_of()
-    checkpoint = Checkpoint.begin(COMM, tmp_path, case)
+def test_what_reads_otherwise_than_it_was_written_is_told(tmp_path, monkeypatch):
+    checkpoint = Checkpoint.begin(COMM, tmp_path, case_of())
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.read_bytes", lambda path: b"")
+        with pytest.raises(InputError, match='newest" cannot be written: it reads otherwise'):
+            solve(case_of(), checkpoint)
     monkeypatch.setattr("os.fsync", lambda handle: (_ for _ in ()).throw(OSError(5, "I/O error")))
     with pytest.raises(InputError, match='newest" cannot be written: I/O error$'):
-        solve(case, checkpoint)
+        solve(case_of(), checkpoint)
     assert list((tmp_path / "checkpoint").iterdir()) == []
 
 
-def test_folder_in_the_way(tmp_path):
-    (tmp_path / "checkpoint").write_text("a file")
-    with pytest.raises(InputError, match='checkpoint" cannot be made: '):
+def test_one_file_a_rank_and_records_for_anyone(killed):
+    """What docs/restart.md tells of the files."""
+    folder = killed / "checkpoint"
+    assert {path.name for path in folder.iterdir()} == {"newest", "previous", "state-1", "state-2"}
+    records = np.load(folder / "newest" / "rank-0.npy")
+    case = case_of()
+    nodes = Nodes(Network(COMM, case.preform(), case.fabric()))
+    assert records["key"].tolist() == nodes.node_key.tolist()
+    assert records["positions"].shape == (len(records), 3, 2)
+
+
+# -- what is not the program's --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("inside", [".", "newest", "newest/new-1", "state-1"])
+@pytest.mark.parametrize("name", ["weights.bin", "manifest.json", "rank-0.npy"])
+def test_a_folder_of_the_users_is_refused(tmp_path, inside, name):
+    """Whatever it is called; nothing is removed or renamed."""
+    mine = tmp_path / "checkpoint" / inside / name
+    mine.parent.mkdir(parents=True)
+    mine.write_text("w")
+    with pytest.raises(InputError, match='checkpoint" was not written by .*: move it elsewhere'):
         Checkpoint.begin(COMM, tmp_path, case_of())
+    assert mine.read_text() == "w"
+    assert {path.name for path in tmp_path.iterdir()} == {"checkpoint"}
 
 
-@pytest.mark.parametrize("angle", ["45 deg", "0 deg", "17 deg"])
-def test_keys_tell_the_crossover(angle):
-    """Each node's key leads to a crossover of the rank that owns it: here, to one it touches."""
-    case = case_of(angle=angle)
-    network = Network(COMM, case.preform(), case.fabric())
-    nodes = Nodes(network)
-    found = crossover_of(nodes.node_key)
-    assert network.has_crossover(found).all()
-    touching = SimpleNamespace(sets=[set() for _ in nodes.node_key])
-    for at, ij in zip(nodes.of_hinge, network.crossover_ij.tolist(), strict=True):
-        touching.sets[at].add(tuple(ij))
-    for ends, ij in zip(network.arm_node, network.crossover_ij.tolist(), strict=True):
-        for end in nodes.of_network_node[ends]:
-            touching.sets[end].add(tuple(ij))
-    for crossover, near in zip(found.tolist(), touching.sets, strict=True):
-        assert tuple(crossover) == min(near)
+@pytest.mark.parametrize("kind", ["file", "link", "dangling link", "pipe"])
+def test_what_is_no_folder_is_refused(tmp_path, kind):
+    """A link to a folder, too: what is in there is not the program's."""
+    path, thesis = tmp_path / "out" / "checkpoint", tmp_path / "thesis"
+    path.parent.mkdir()
+    if kind == "link":
+        thesis.mkdir()
+        (thesis / "newest").write_text("mine")
+    {"file": path.touch, "pipe": lambda: os.mkfifo(path)}.get(
+        kind, lambda: path.symlink_to(thesis)
+    )()
+    with pytest.raises(InputError, match='checkpoint" was not written by .*: move it elsewhere'):
+        Checkpoint.begin(COMM, path.parent, case_of())
+    if kind == "link":
+        assert (thesis / "newest").read_text() == "mine"
+
+
+@pytest.mark.parametrize("where", ["weights.bin", "newest/notes.txt", "state-1/rank-0.npy.bak"])
+def test_files_put_into_a_checkpoint_stay(tmp_path, where):
+    """To the end of the run, and where a new one begins."""
+    checkpoint = Checkpoint.begin(COMM, tmp_path, case_of())
+    assert solve(case_of(), checkpoint, stop=6) is None
+    mine = tmp_path / "checkpoint" / where
+    mine.write_text("mine")
+    checkpoint.remove()
+    assert mine.read_text() == "mine"
+    with pytest.raises(InputError, match=f'{mine.name}" was not written by'):
+        Checkpoint.begin(COMM, tmp_path, case_of())
+    assert mine.read_text() == "mine"
+
+
+def test_nothing_is_written_through_links(copy, tmp_path_factory):
+    """A checkpoint from elsewhere may have them where files are to be made."""
+    target = tmp_path_factory.mktemp("home") / "bashrc"
+    target.write_text("mine")
+    (target.parent / "folder").mkdir()
+    for link, to in (("new", target), (f"new-{os.getpid()}", target.parent / "folder")):
+        (copy / "checkpoint" / link).symlink_to(to)
+    with pytest.raises(InputError, match=f'new-{os.getpid()}" was not written by .*; what was rea'):
+        solve(case_of(), Checkpoint.resume(COMM, copy))
+    assert target.read_text() == "mine"
+    assert list((target.parent / "folder").iterdir()) == []
+    (copy / "checkpoint" / f"new-{os.getpid()}").unlink()
+    assert solve(case_of(), Checkpoint.resume(COMM, copy), stop=1) is None
+    assert target.read_text() == "mine"

@@ -85,14 +85,17 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
 def test_damage_is_refused_on_every_rank(tmp_path):
     killed_run(tmp_path, case_of(), COMM, 2)
     folder = tmp_path / "checkpoint"
-    good = (folder / "newest").read_bytes()
-    COMM.barrier()
-    on_one((folder / "previous").unlink)
-    for harm, data in harms(good, np.random.default_rng(4)):
-        on_one(lambda data=data: (folder / "newest").write_bytes(data))
-        with pytest.raises(InputError, match="newest.*; begin anew with") as caught:
-            Checkpoint.resume(COMM, tmp_path)
-        assert len(set(COMM.allgather(str(caught.value)))) == 1, harm
+    for name in ("manifest.json", f"rank-{COMM.size - 1}.npy"):
+        path = folder / "newest" / name
+        good = path.read_bytes()
+        COMM.barrier()
+        on_one(lambda: shutil.rmtree(folder / "previous", ignore_errors=True))
+        for harm, data in harms(good, np.random.default_rng(4)):
+            on_one(lambda data=data, path=path: path.write_bytes(data))
+            with pytest.raises(InputError, match="newest.*; begin anew with") as caught:
+                Checkpoint.resume(COMM, tmp_path)
+            assert len(set(COMM.allgather(str(caught.value)))) == 1, harm
+        on_one(lambda path=path, good=good: path.write_bytes(good))
 
 
 def test_files_of_two_runs_are_not_mixed(tmp_path):
@@ -102,7 +105,8 @@ def test_files_of_two_runs_are_not_mixed(tmp_path):
     if COMM.size == 1:
         pytest.skip("two runs on one rank write the same")
     at = "checkpoint/state-1"
-    on_one(lambda: shutil.copy(tmp_path / "a" / at, tmp_path / "b" / at))
+    on_one(lambda: shutil.rmtree(tmp_path / "b" / at))
+    on_one(lambda: shutil.copytree(tmp_path / "a" / at, tmp_path / "b" / at))
     checkpoint = Checkpoint.resume(COMM, tmp_path / "b")
     with pytest.raises(InputError, match='state-1" is of another run than its neighbours'):
         solve(case, checkpoint, comm=COMM)
