@@ -18,7 +18,7 @@ import numpy as np
 
 from .calibration.curve import read_curve
 from .errors import InputError
-from .experiments import biaxial, cantilever, picture_frame  # noqa: F401 (their columns)
+from .experiments.registry import KINDS, kind_class
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked, prepare_directory
 from .output.progress import EFFORT
@@ -373,6 +373,8 @@ def compare_command(
     log: logging.Logger,
 ) -> dict[str, Any]:
     """Compare, tell, and write comparison.json and comparison.png into a folder. Collective."""
+    for kind in KINDS:
+        kind_class(kind)  # declares its columns
     a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
     told, figures, lines = compare(a, b)
     folder = prepare_directory(comm, directory)
