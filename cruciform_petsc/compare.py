@@ -387,9 +387,8 @@ def compare_command(
             where = f"{axis.log_unit} ({value.points} points)"
             log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
         write_json(comm, folder / "comparison.json", told)
-        shown = [name for name in ("load_N", "shear_centre_deg") if name in lines] or list(lines)[
-            :2
-        ]
+        shown = [name for name in ("load_N", "shear_centre_deg") if name in lines]
+        shown = shown or list(lines)[:2]
         names = _labels(a, b)
         panels = []
         for column in shown:
