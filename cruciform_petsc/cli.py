@@ -293,7 +293,9 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     """
     from .compare import compare_command
 
-    compare_command(comm, args.a, args.b, args.output or "comparison", args.log)
+    compare_command(
+        comm, args.a, args.b, "comparison" if args.output is None else args.output, args.log
+    )
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:

@@ -87,7 +87,8 @@ class PictureFrame(Experiment):
         """All sides follow one shear about the middle of the frame, without stretch along them."""
         preform = self.network.preform
         c, s = np.cos(0.5 * control), np.sin(0.5 * control)
-        gradient = preform.rotation.T @ np.array([[c, s], [s, c]]) @ preform.rotation
+        along_yarns, to_lab = np.array([[c, s], [s, c]]), self.network.to_lab
+        gradient = to_lab(to_lab(along_yarns).T)  # symmetric, as it is along the yarns
         low_x, low_y, high_x, high_y = preform.outline.bounds
         middle = 0.5 * np.array([low_x + high_x, low_y + high_y])
         return gradient, middle - gradient @ middle

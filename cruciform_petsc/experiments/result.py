@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ..net.network import Network
     from ..net.supports import Supports
     from ..solvers.linear import SolverInfo
-    from .experiment import Experiment
 
 Fields = dict[str, np.ndarray]
 ZONES = ("middle", "side", "clamp")
@@ -109,7 +108,7 @@ class TestResult:
 
     __test__ = False  # not a test for pytest
 
-    experiment: Experiment
+    experiment: Any  # an Experiment, whose module imports this one
     supports: Supports
     unknowns_per_node: int
     states: list[State]

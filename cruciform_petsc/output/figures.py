@@ -185,7 +185,10 @@ def _clamps(result: TestResult, state: State) -> list[pictures.Clamp]:
 def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Control, load (N) and energies (J; (n, 3)) all along the test."""
     if result.experiment.finite and result.increments:
-        path = [(step.control, step.load, step.energies) for step in result.increments]
+        path = [
+            (step.control, step.load, [step.energies[mode] for mode in MODES])
+            for step in result.increments
+        ]
         control, load, energies = (np.array(column) for column in zip(*path, strict=True))
         return control, load, energies
     return result.controls, result.loads, np.column_stack([result.energies()[m] for m in MODES])
