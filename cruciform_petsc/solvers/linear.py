@@ -109,8 +109,8 @@ class LinearSolver:
     def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
         """Hand the levels to PCMG."""
         pc, top = self.ksp.getPC(), len(hierarchy.interpolations)
-        if hierarchy.matrices:
-            _lift(hierarchy.matrices[-1])
+        for matrix in hierarchy.matrices:
+            _lift(matrix)
         pc.setType(PETSc.PC.Type.MG)
         pc.setMGLevels(top + 1)
         for level, (interpolation, matrix) in enumerate(
@@ -211,10 +211,11 @@ def _mechanism(sign: str) -> SolverError:
 
 
 def _lift(matrix: PETSc.Mat) -> None:
-    """Add a little of its own to the diagonal of the coarsest matrix. Collective.
+    """Add a little of its own to the diagonal of a coarse matrix. Collective.
 
     Two coarse unknowns at the outline may hang on the same finer ones. Their difference moves
-    nothing: the matrix is singular, and right sides have no part in it.
+    nothing: the matrix is singular, and right sides have no part in it but rounding, which a pivot
+    of a factor, complete or not, that is rounding, too, would make as large as the rest.
     """
     diagonal = matrix.getDiagonal()
     diagonal.scale(1e-10)
