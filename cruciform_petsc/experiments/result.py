@@ -221,7 +221,6 @@ class TestResult:
         test with H >= 2 W these are the zones of the usual kinematics.
         """
         network = self.network
-        rotation, origin = network.preform.rotation, network.preform.lattice_origin
         edges = [edge for edge in self.experiment.clamps if edge in network.preform.edges]
         clamped = [network.preform.edge(edge) for edge in edges]
         held = np.zeros(network.num_crossovers_owned, np.int8)
@@ -229,7 +228,7 @@ class TestResult:
             ends = np.zeros((len(yarns.line), 2, 2))
             ends[..., 1 - family] = yarns.line[:, None]
             ends[:, 0, family], ends[:, 1, family] = yarns.start, yarns.end
-            ends = (ends * network.pitch) @ rotation + origin
+            ends = network.to_lab(ends * network.pitch) + network.preform.lattice_origin
             is_held = np.zeros(len(ends), bool)
             for segments in clamped:
                 for begin, end in segments:

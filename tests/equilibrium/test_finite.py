@@ -8,7 +8,17 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 from support.finite import Cloth
-from support.helpers import DIAGONAL, PITCH, TABLE_1, UNEVEN, dense, diagonals, l_shape, pins
+from support.helpers import (
+    DIAGONAL,
+    PITCH,
+    TABLE_1,
+    UNEVEN,
+    dense,
+    diagonals,
+    l_shape,
+    pins,
+    solve,
+)
 
 from cruciform_petsc import laws
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
@@ -269,6 +279,7 @@ OUTLINES = {
     "30 degrees": Preform.rectangle(0.024, 0.036, 30 * DEGREE),
     "L": l_shape(0.045, 1.2),  # sharp corners: crossovers that hang on by one arm
     "along the yarns": Preform.rectangle(0.02, 0.03, 0.0),
+    "tails on a clamp": diagonals(4.6, 6),  # held directions that quadrants look at
 }
 
 
@@ -729,6 +740,9 @@ def test_increments_are_cut(monkeypatch):
     result = pulled(diagonals(4, 8), "8 mm", increments=1)
     controls = [increment.control for increment in result.increments]
     assert len(controls) > 1
+    first = result.increments[0]
+    assert first.cuts > 0
+    assert first.control == 0.008 * 0.5**first.cuts
     assert controls[-1] == 0.008
     assert np.all(np.diff(controls) > 0)
     assert [increment.asked for increment in result.increments] == [False] * (len(controls) - 1) + [
@@ -736,6 +750,23 @@ def test_increments_are_cut(monkeypatch):
     ]
     assert result.load == pytest.approx(whole.load, rel=1e-7)
     assert max(increment.iterations for increment in result.increments) <= 4
+
+
+def test_steps_are_the_usual_ones_after_a_value(monkeypatch):
+    """A step that was cut on the way to one value is not remembered on the way to the next."""
+    monkeypatch.setattr("cruciform_petsc.equilibrium.follow.EASY", 0)  # steps do not grow
+    solve_, calls = Equilibrium.solve, []
+
+    def fails_once(self, guess):
+        calls.append(guess.time)
+        if len(calls) == 1:
+            raise EquilibriumError("no", "MAX_IT", [])
+        return solve_(self, guess)
+
+    monkeypatch.setattr(Equilibrium, "solve", fails_once)
+    result = pulled(diagonals(4, 8), ["0.4 mm", "0.8 mm"])
+    assert calls == pytest.approx([0.4e-3, 0.2e-3, 0.4e-3, 0.8e-3])
+    assert [increment.cuts for increment in result.increments] == [1, 0, 0]
 
 
 def test_last_accepted_state_survives():
@@ -890,10 +921,47 @@ def test_states_keep_their_fields():
 
 def test_no_dead_load_is_lost():
     """The clamp bears all of it, with that on corner tips which carry nothing."""
-    for finite in (False, True):
-        result = Cantilever(network(diagonals(4, 6)), "1 mN", finite=finite).solve()
-        assert result.supports.num_hanging
-        np.testing.assert_allclose(result.states[-1].forces["lower"], [-1e-3, 0.0], atol=1e-9)
+    constraints = Constraints(network(diagonals(4, 6)), True)
+    lower = constraints.clamp("lower")
+    constraints.line_load("upper", (1e-3 / (4 * DIAGONAL), 0.0))
+    cloth = Cloth(constraints)
+    assert cloth.ply.supports.num_hanging
+    equilibrium = Equilibrium(cloth.model, cloth.state())
+    found = equilibrium.solve(cloth.state(load=1.0))
+    equilibrium.destroy()
+    held = found.force[cloth.nodes.of_network_node[lower]].sum(axis=0)
+    np.testing.assert_allclose(held, [-1e-3, 0.0], atol=1e-9)
+    small = solve(constraints)
+    held = small.model.element_forces(small.values)[lower, :2].sum(axis=0)
+    np.testing.assert_allclose(small.model.network.to_lab(held), [-1e-3, 0.0], atol=1e-9)
+
+
+def test_yarns_that_buckle():
+    """Compressed by 1.1 times the load at which it buckles, a strip leans to the side it is nudged.
+
+    There the straight strip is a saddle, and Newton's plain step leads towards it: negative pivots
+    of the tangent tell. P = pi^2 B / (2 L)^2 for a strip clamped at one end, shear and stretch
+    left out; a nudge of a thousandth turns into a deflection of a third.
+    """
+    yarns = YarnFamily(1e6, 0.0, 30.0, 1.0)
+    fabric = Fabric("strut", yarns, yarns, 1e-2)
+    constraints = Constraints(network(Preform.rectangle(0.1, 1.0, 0.0), fabric), True)
+    constraints.clamp("lower")
+    rigidity = 3.0  # three yarns of 1 N m^2 each
+    load = 1.1 * np.pi**2 * rigidity / 4.0
+    constraints.line_load("upper", (1e-3 * load / 0.1, -load / 0.1))
+    cloth = Cloth(constraints)
+    equilibrium = Equilibrium(cloth.model, cloth.state())
+    stage = cloth.stage(None, [0.8, 0.95, 1.0], load=lambda control: control)
+    steps = follow(equilibrium, stage, cloth.state())
+    equilibrium.destroy()
+    top = cloth.rest[:, 1] > 0.99
+    moved = [(step.state.x - cloth.rest)[top, 0].mean() for step in steps]
+    print(
+        moved, [(s.increment.iterations, s.increment.shifted, s.increment.control) for s in steps]
+    )
+    assert moved[-1] > 0.3
+    assert sum(step.increment.shifted for step in steps) > 0
 
 
 # -- PETSc's options and errors -----------------------------------------------------------------

@@ -124,7 +124,9 @@ def test_every_kind(name, finite):
         asked = [increment for increment in result.increments if increment.asked]
         np.testing.assert_allclose([increment.load for increment in asked], result.loads)
         np.testing.assert_allclose([increment.control for increment in asked], values)
-        np.testing.assert_allclose([increment.energies.sum() for increment in asked], energy)
+        np.testing.assert_allclose(
+            [sum(increment.energies.values()) for increment in asked], energy
+        )
     else:
         np.testing.assert_allclose(result.loads[1], 2 * result.loads[0], rtol=1e-9)
     assert isinstance(repr(result), str)

@@ -10,6 +10,7 @@ from support.finite import Cloth
 from support.helpers import UNEVEN, diagonals, l_shape
 from support.kernels import rotation
 
+from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.elements.level import room
 from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.equilibrium.newton import Equilibrium
@@ -158,3 +159,31 @@ def test_tangent_knows_every_rigid_motion(bending, dim):
     values = np.linalg.eigvalsh(whole[np.ix_(carries, carries)])
     assert (abs(values) < 1e-12 * values.max()).sum() == len(motions)
     assert values[len(motions)] > 1e-9 * values.max()
+
+
+def test_mirrored_cloth():
+    """A state and its image in the middle plane along the warp, or the weft, cost the same.
+
+    The normal at an arm end is that of yarns crossing on both of its sides, or one way along the
+    yarn would count for more than the other.
+    """
+    sides = 6 / np.array([UNEVEN.weft.yarns, UNEVEN.warp.yarns])  # x along the weft
+    preform = Preform.rectangle(*sides, 0.0)
+    constraints = Constraints(Network(MPI.COMM_SELF, preform, UNEVEN), True)
+    for node in constraints.nodes_on("lower")[[0, -1]]:  # or it would float
+        constraints.pin(constraints.network.node_key[node], (0, 1))
+    cloth = Cloth(constraints, None, (1e-3, 4e-4), flat=False)
+    middle = 0.5 * (cloth.rest.min(axis=0) + cloth.rest.max(axis=0))
+    x, y = ((cloth.rest - middle)[:, :2] / 0.02).T
+
+    def energies(way_x, way_y):
+        u, v = way_x * x, way_y * y
+        lift = 3 * np.sin(u + 0.3) * np.cos(v) + u * v + np.cos(2 * u - v)
+        moved = np.column_stack([way_x * np.sin(v), way_y * np.cos(u + v), lift])
+        return cloth.model.energies(replace(cloth.state(), x=cloth.rest + 1e-3 * moved))
+
+    expected = energies(1, 1)
+    assert expected["out_of_plane_bending"] > 1e-6
+    for ways in ((-1, 1), (1, -1), (-1, -1)):
+        for mode, energy in energies(*ways).items():
+            assert energy == pytest.approx(expected[mode], rel=1e-10, abs=1e-18), (mode, ways)

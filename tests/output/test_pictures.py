@@ -359,7 +359,12 @@ def test_energy(finite):
     """Parts upon each other, their sum on top."""
     axes = drawn(finite, "energy.png").axes[0]
     x = [0.0, *(1e3 * step.control for step in finite.increments)]
-    parts = np.transpose([[0.0, 0.0, 0.0], *(1e3 * step.energies for step in finite.increments)])
+    parts = np.transpose(
+        [
+            [0.0, 0.0, 0.0],
+            *([1e3 * e for e in step.energies.values()] for step in finite.increments),
+        ]
+    )
     (total,) = axes.get_lines()
     np.testing.assert_allclose(total.get_data(), [x, parts.sum(axis=0)])
     tops = np.cumsum(parts, axis=0)
