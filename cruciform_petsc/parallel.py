@@ -210,8 +210,9 @@ def find_sorted(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Indices of some keys among ascending ones, -1 where there is none."""
     if len(keys) == 0:
         return np.full(np.shape(wanted), -1)
-    index = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[index] == wanted, index, -1)
+    index = np.asarray(np.searchsorted(keys, wanted))
+    index[keys.take(index, mode="clip") != wanted] = -1
+    return index
 
 
 class DistributedNodes:
@@ -260,7 +261,8 @@ class DistributedNodes:
 
     def find(self, keys: np.ndarray) -> np.ndarray:
         """Local numbers of the nodes with some names, int32; -1 for those not on this rank."""
-        owned = find_sorted(self.node_key[: self.num_nodes_owned], keys)
-        ghost = find_sorted(self.node_key[self.num_nodes_owned :], keys)
-        local = np.where(ghost >= 0, ghost + self.num_nodes_owned, owned)
-        return local.astype(np.int32)
+        local = find_sorted(self.node_key[: self.num_nodes_owned], keys).astype(np.int32)
+        elsewhere = local < 0
+        ghost = find_sorted(self.node_key[self.num_nodes_owned :], keys[elsewhere])
+        local[elsewhere] = np.where(ghost >= 0, ghost + self.num_nodes_owned, -1)
+        return local

@@ -10,6 +10,7 @@ unknown and the matrix stays symmetric.
 from __future__ import annotations
 
 import numpy as np
+import shapely
 
 from ..errors import InputError
 from .lattice import SHORTEST_ARM
@@ -63,21 +64,21 @@ class Constraints:
         Raises InputError if the preform has no such edge or no yarn reaches it.
         """
         network = self.network
-        segments = network.preform.edge(edge)
         candidates = np.flatnonzero(network.node_is_boundary)
-        distance = _distance_to_segments(network.node_position[candidates], segments)
         on = np.zeros(network.num_nodes_local, bool)
-        on[candidates[distance <= self._tolerance]] = True
+        on[candidates] = self._near(
+            candidates, shapely.multilinestrings(network.preform.edge(edge))
+        )
         network.halo.forward(on)
         found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
         if found == 0:
             raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
         return np.flatnonzero(on)
 
-    @property
-    def _tolerance(self) -> float:
-        """How far a node may be from an edge that it lies on, m."""
-        return SHORTEST_ARM * float(self.network.pitch.max())
+    def _near(self, nodes: np.ndarray, line: shapely.Geometry) -> np.ndarray:
+        """Which nodes lie on a line, but for the shortest arm; bool (n,)."""
+        points = shapely.points(self.network.node_position[nodes])
+        return shapely.distance(line, points) <= SHORTEST_ARM * self.network.pitch.max()
 
     def clamp(self, edge: str, displacement=(0.0, 0.0)) -> np.ndarray:
         """Hold an edge: yarns keep their direction; it may move by (x, y) metres. Collective.
@@ -88,19 +89,18 @@ class Constraints:
         self.fixed[nodes] = True
         self.frame[nodes] = np.eye(2)  # also where another edge had turned it
         self.tied[nodes] = False
-        self.value[nodes, :2] = self.network.preform.rotation @ np.asarray(displacement, float)
+        self.value[nodes, :2] = self.network.to_yarn(np.asarray(displacement, float))
         self._hold(edge, nodes)
         return nodes
 
     def _hold(self, edge: str, nodes: np.ndarray) -> None:
         """Note which nodes are clamped and which of their yarns leave through the clamp."""
         self.held[nodes] = True
-        arms = self.network.arm_directions @ self.network.preform.rotation
+        arms = self.network.to_lab(self.network.arm_directions)
         for segment in self.network.preform.edge(edge):
             tangent = (segment[1] - segment[0]) / np.hypot(*(segment[1] - segment[0]))
             leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
-            distance = _distance_to_segments(self.network.node_position[nodes], segment[None])
-            self.held_arm[nodes[distance <= self._tolerance]] |= leaves
+            self.held_arm[nodes[self._near(nodes, shapely.linestrings(segment))]] |= leaves
         self.network.halo.forward(self.held_arm)
 
     def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
@@ -139,7 +139,7 @@ class Constraints:
     def _turn(self, edge: str, direction) -> np.ndarray:
         nodes = self.nodes_on(edge)
         nodes = nodes[~self.held[nodes]]
-        along = self.network.preform.rotation @ np.asarray(direction, float)
+        along = self.network.to_yarn(np.asarray(direction, float))
         along = along / np.hypot(*along)
         self.frame[nodes] = [[along[0], along[1]], [-along[1], along[0]]]
         return nodes
@@ -165,40 +165,36 @@ class Constraints:
         traction = np.asarray(traction, float)
         nodes = self.nodes_on(edge)
         owned = nodes[nodes < network.num_nodes_owned]
-        for chain in _chains(network.preform.edge(edge)):
-            distance, along = _nearest(network.node_position[owned], chain)
-            near = distance <= self._tolerance
-            ends, places, levers = [], [], []
-            for f in (0, 1):
-                # A hinge on the edge is an end of both families.
-                mine = owned[
-                    near & ((network.node_family[owned] == f) | network.node_is_hinge[owned])
-                ]
-                ends.append(mine)
-                places.append(network.comm.allgather(along[np.isin(owned, mine)]))
-                lever = _lever(network.node_position[mine], traction)
-                levers.append(np.concatenate(network.comm.allgather(lever)))
+        for chain in chains(network.preform.edge(edge)):
+            line = shapely.linestrings(np.concatenate([chain[:1, 0], chain[:, 1]]))
+            here = owned[self._near(owned, line)]
+            position, is_hinge = network.node_position[here], network.node_is_hinge[here]
+            # A hinge on the edge is an end of both families.
+            ends = [is_hinge | (network.node_family[here] == family) for family in (0, 1)]
+            along = shapely.line_locate_point(line, shapely.points(position))
+            parts = network.comm.allgather(np.stack([along, _lever(position, traction), *ends]))
+            begin = sum(part.shape[1] for part in parts[: network.comm.rank])
+            along, lever, *ends = np.concatenate(parts, axis=1)
+            ends = [part > 0 for part in ends]
+            found = np.array([part.any() for part in ends])
+            if not found.any():
+                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
             piece = chain[:, 1] - chain[:, 0]
             length = np.hypot(piece[:, 0], piece[:, 1])
             normal = np.stack([piece[:, 1], -piece[:, 0]], axis=1) / length[:, None]
-            share = (normal @ network.preform.rotation.T) ** 2
-            found = np.array([sum(map(len, parts)) > 0 for parts in places])
-            if not found.any():
-                raise InputError(f"no yarn ends on a part of the edge '{edge}' that carries a load")
-            share = np.where(found.all(), share, found)
+            share = np.where(found.all(), network.to_yarn(normal) ** 2, found).T
             knots = np.concatenate([[0.0], np.cumsum(length)])
-            lumped = [
-                _lumped_lengths(np.concatenate(places[f]), knots, share[:, f]) for f in (0, 1)
-            ]
-            _keep_moment(lumped, levers, float(length @ _lever(chain.mean(axis=1), traction)))
+            lumped = [lumped_lengths(along[ends[f]], knots, share[f]) for f in (0, 1)]
+            moment = float(length @ _lever(chain.mean(axis=1), traction))
+            keep_moment(lumped, [lever[part] for part in ends], moment)
+            carried = np.zeros(len(along))
             for f in (0, 1):
-                before = sum(map(len, places[f][: network.comm.rank]))
-                mine_lumped = lumped[f][before : before + len(ends[f])]
-                self.force[ends[f]] += mine_lumped[:, None] * (network.preform.rotation @ traction)
+                carried[ends[f]] += lumped[f]
+            self.force[here] += carried[begin : begin + len(here), None] * network.to_yarn(traction)
         network.halo.forward(self.force)
 
 
-def _chains(segments: np.ndarray) -> list[np.ndarray]:
+def chains(segments: np.ndarray) -> list[np.ndarray]:
     """Segments (n, 2, 2) of an edge, parted where one does not begin where the last one ends."""
     breaks = np.flatnonzero((segments[1:, 0] != segments[:-1, 1]).any(axis=1)) + 1
     return np.split(segments, breaks)
@@ -209,28 +205,7 @@ def _lever(points: np.ndarray, force: np.ndarray) -> np.ndarray:
     return points[:, 0] * force[1] - points[:, 1] * force[0]
 
 
-def _distance_to_segments(points: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Distance of each point (n, 2) to the nearest of some segments (m, 2, 2); (n,)."""
-    return _nearest(points, segments)[0]
-
-
-def _nearest(points: np.ndarray, segments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of each point to the nearest segment, and the length of all segments up to there."""
-    nearest, along = np.full(len(points), np.inf), np.zeros(len(points))
-    before = 0.0
-    for begin, end in segments:  # an edge has few segments, nodes are many
-        piece = end - begin
-        length = np.hypot(piece[0], piece[1])
-        share = np.clip((points - begin) @ piece / length**2, 0.0, 1.0)
-        gap = points - begin - share[:, None] * piece
-        distance = np.hypot(gap[:, 0], gap[:, 1])
-        closer = distance < nearest
-        nearest[closer], along[closer] = distance[closer], (before + share * length)[closer]
-        before += length
-    return nearest, along
-
-
-def _lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> np.ndarray:
+def lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Part of a line that each of the points on it stands for, times a weight along the line.
 
     Points stand for the line up to halfway to their neighbours, the outer ones up to its ends;
@@ -256,7 +231,7 @@ def _lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> 
     return (np.diff(weight) / count)[inverse]
 
 
-def _keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: float) -> None:
+def keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: float) -> None:
     """Lean the lengths of the family with the widest spread until all have a moment together.
 
     In place; an edge with a single yarn end, or a load along it, stays as it is.

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from .keys import pair_key
+
 # Points this close to a lattice line, in pitches, lie on it: rounding of the outline's coordinates.
 SNAP = 1e-6
 # A shorter arm, in pitches, is left out and its crossover counts as lying on the outline: stiffness
@@ -65,16 +67,21 @@ class YarnLines:
         """Index of the part that holds a crossover position, or -1; shape as given."""
         if len(self.line) == 0:
             return np.full(np.shape(line), -1)
-        key = _pair_key(self.line, self.first)
-        index = np.searchsorted(key, _pair_key(line, position), side="right") - 1
+        key = pair_key(self.line, self.first)
+        index = np.searchsorted(key, pair_key(line, position), side="right") - 1
         at = np.maximum(index, 0)
         good = (index >= 0) & (self.line[at] == line) & (self.last[at] >= position)
         return np.where(good, at, -1)
 
 
-def _pair_key(line: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """One sortable integer for a yarn number and a position on it."""
-    return (np.asarray(line, np.int64) << 32) + (np.asarray(position, np.int64) + 2**31)
+def whole_numbers(first: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each k the numbers first[k], first[k] + 1 ..., count[k] of them: all k, and all numbers.
+
+    Both int64 (n,); no numbers where the count is not positive.
+    """
+    count = np.maximum(count, 0).astype(np.int64)
+    k = np.repeat(np.arange(len(count)), count)
+    return k, np.arange(len(k)) - (np.cumsum(count) - count)[k] + first[k].astype(np.int64)
 
 
 def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
@@ -97,17 +104,14 @@ def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
         # Half-open ranges: a corner is counted with exactly one of its two segments.
         begin = np.ceil(low) if from_above else np.floor(low) + 1
         stop = np.ceil(high) if from_above else np.floor(high) + 1
-        count = np.where(high > low, np.maximum(stop - begin, 0), 0).astype(np.int64)
-        seg = np.repeat(np.arange(len(count)), count)
-        line = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-        line = line + begin[seg].astype(np.int64)
+        seg, line = whole_numbers(begin, np.where(high > low, stop - begin, 0))
         share = (line - across[seg, 0]) / (across[seg, 1] - across[seg, 0])
         where = snapped(along[seg, 0] + share * (along[seg, 1] - along[seg, 0]))
         order = np.lexsort((where, line))
         line, where = line[order], where[order]
         sides.append((line[::2], where[::2], where[1::2]))
     line, start, end = (np.concatenate(part) for part in zip(*sides, strict=True))
-    line, start, end = _union(line, start, end)
+    line, start, end = union_of_intervals(line, start, end)
     # Both ends are snapped: a second tolerance here would let one family see crossovers that the
     # other does not.
     first = np.ceil(start).astype(np.int64)
@@ -115,7 +119,7 @@ def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
     return YarnLines(line, start, end, first, last)
 
 
-def _union(line, start, end):
+def union_of_intervals(line, start, end):
     """Merge overlapping intervals on each line; returns them sorted by line and start."""
     if len(line) == 0:
         return line, start, end
@@ -136,35 +140,31 @@ def _union(line, start, end):
 def cells_cut(segments: np.ndarray) -> np.ndarray:
     """Lattice cells (squares of side 1 around the crossovers) that the outline passes through.
 
+    Of a piece that runs along the border of two cells one of them is found, neither at a corner
+    where it only touches them: those left out are beside one that is found.
+
     Returns
     -------
     int64 array (n, 2), unique (i, j).
     """
-    pieces = []
+    n = len(segments)
     begin, delta = segments[:, 0], segments[:, 1] - segments[:, 0]
-    owner, share = [np.arange(len(segments))], [np.zeros(len(segments))]
+    # Parameters at which each segment begins, ends, and crosses the cells' borders k + 1/2.
+    owner, share = [np.tile(np.arange(n), 2)], [np.repeat([0.0, 1.0], n)]
     for axis in (0, 1):
-        # Parameters at which a segment crosses the cell borders k + 1/2.
         ends = segments[:, :, axis] - 0.5
         first, last = np.ceil(ends.min(axis=1)), np.floor(ends.max(axis=1))
-        count = np.maximum(last - first + 1, 0).astype(np.int64)
-        count[delta[:, axis] == 0] = 0
-        seg = np.repeat(np.arange(len(count)), count)
-        k = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + first[seg]
+        seg, k = whole_numbers(first, np.where(delta[:, axis] != 0, last - first + 1, 0))
         owner.append(seg)
         share.append((k + 0.5 - begin[seg, axis]) / delta[seg, axis])
     seg, t = np.concatenate(owner), np.clip(np.concatenate(share), 0, 1)
     order = np.lexsort((t, seg))
     seg, t = seg[order], t[order]
-    next_t = np.append(t[1:], 1.0)
-    next_t[np.append(seg[1:] != seg[:-1], True)] = 1.0
-    for at in (t, 0.5 * (t + next_t), next_t):
-        # Both neighbours where a point lies on a border: being generous costs nothing here.
-        point = begin[seg] + at[:, None] * delta[seg]
-        for shift in (-SNAP, SNAP):
-            pieces.append(np.floor(point + 0.5 + shift))
-            pieces.append(np.floor(point + 0.5 + np.array([shift, -shift])))
-    return np.unique(np.concatenate(pieces).astype(np.int64), axis=0)
+    middle = 0.5 * (t[1:] + t[:-1])[seg[1:] == seg[:-1]]
+    seg = seg[1:][seg[1:] == seg[:-1]]
+    return np.unique(
+        np.floor(begin[seg] + middle[:, None] * delta[seg] + 0.5).astype(np.int64), axis=0
+    )
 
 
 def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
@@ -193,25 +193,22 @@ def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
     shapely.prepare(outline)
     for q, (warp_arm, weft_arm) in enumerate(QUADRANTS):
         warp, weft = ARM_STEP[warp_arm], ARM_STEP[weft_arm]
-        has_warp, has_weft = present(ij + warp), present(ij + weft)
-        has_both = present(ij + warp + weft)
+        diagonal = warp + weft
+        has_warp, has_weft, has_both = (present(ij + step) for step in (warp, weft, diagonal))
+        half = np.where(has_both, 0.5, 1.0)
         # (cell, share of its quarter that faces this quadrant)
         takes = [
-            (np.zeros(2, int), np.ones(len(ij))),
-            (warp, np.where(has_warp, 0.0, np.where(has_both, 0.5, 1.0))),
-            (weft, np.where(has_weft, 0.0, np.where(has_both, 0.5, 1.0))),
-            (warp + weft, np.where(has_both | has_warp | has_weft, 0.0, 1.0)),
+            (0 * diagonal, np.ones(len(ij))),
+            (warp, ~has_warp * half),
+            (weft, ~has_weft * half),
+            (diagonal, 1.0 * ~(has_both | has_warp | has_weft)),
         ]
         for step, weight in takes:
             rows = np.flatnonzero(weight)
-            if len(rows) == 0:
-                continue
             # The quarter of the cell at ij + step that touches this crossover's own quarter.
-            facing = np.where(step == 0, warp + weft, -(warp + weft))
             corner = ij[rows] + step
-            other = corner + 0.5 * facing
-            low, high = np.minimum(corner, other), np.maximum(corner, other)
-            boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+            other = corner + np.where(step == 0, 0.5, -0.5) * diagonal
+            boxes = shapely.box(*np.minimum(corner, other).T, *np.maximum(corner, other).T)
             inside = shapely.contains_properly(outline, boxes)
             piece = np.full(len(rows), 0.25)
             piece[~inside] = shapely.area(shapely.intersection(outline, boxes[~inside]))

@@ -19,8 +19,8 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError
 from ..memory import check_memory
-from ..parallel import DistributedNodes
-from .keys import BETWEEN, HINGE, TAIL_AFTER, TAIL_BEFORE, pack_key
+from ..parallel import DistributedNodes, find_sorted
+from .keys import BETWEEN, TAIL, pack_key, pair_key
 from .lattice import (
     ARM_STEP,
     SHORTEST_ARM,
@@ -78,10 +78,9 @@ class Network(DistributedNodes):
         self.pitch = np.array(preform.pitch(fabric))
         preform.check_size(fabric)
         self._check_fits()
-        outline_xy = preform.outline
-        segments = snapped(self._to_lattice(boundary_segments(outline_xy)))
-        self.warp_yarns = yarn_lines(segments, 0)
-        self.weft_yarns = yarn_lines(segments, 1)
+        outline = shapely.transform(preform.outline, lambda xy: snapped(self._to_lattice(xy)))
+        segments = boundary_segments(outline)
+        self.warp_yarns, self.weft_yarns = (yarn_lines(segments, family) for family in (0, 1))
         count = np.maximum(self.warp_yarns.last - self.warp_yarns.first + 1, 0)
         self.num_crossovers_global = int(count.sum())
         if self.num_crossovers_global == 0:
@@ -91,7 +90,7 @@ class Network(DistributedNodes):
             )
         self._first_number = np.cumsum(count) - count
         self.partition = Partition(self.warp_yarns, comm.size)
-        self._make_crossovers(segments, outline_xy)
+        self._make_crossovers(segments, outline)
         self._make_nodes()
 
     def _check_fits(self) -> None:
@@ -106,9 +105,8 @@ class Network(DistributedNodes):
             f"the outline holds about {crossovers:.3g} crossovers",
             "choose a coarser pitch (refine, yarns_per_cruciform) or a smaller outline",
         )
-        x0, y0, x1, y1 = outline.bounds
-        corners = self._to_lattice(np.array([[x0, y0], [x0, y1], [x1, y0], [x1, y1]]))
-        farthest = float(np.abs(corners).max())
+        corners = shapely.get_coordinates(outline.envelope)
+        farthest = float(np.abs(self._to_lattice(corners)).max())
         if not farthest < _FARTHEST:
             raise InputError(
                 f"the outline reaches {farthest:.3g} yarns from the lattice's origin, at most "
@@ -118,11 +116,10 @@ class Network(DistributedNodes):
     # -- geometry -------------------------------------------------------------------------------
 
     def _to_lattice(self, xy: np.ndarray) -> np.ndarray:
-        local = (xy - self.preform.lattice_origin) @ self.preform.rotation.T
-        return local / self.pitch
+        return self.to_yarn(xy - self.preform.lattice_origin) / self.pitch
 
     def _to_xy(self, lattice: np.ndarray) -> np.ndarray:
-        return (lattice * self.pitch) @ self.preform.rotation + self.preform.lattice_origin
+        return self.to_lab(lattice * self.pitch) + self.preform.lattice_origin
 
     def to_yarn(self, vectors: np.ndarray) -> np.ndarray:
         """Components in x, y (..., 2) -> along warp and weft at rest."""
@@ -142,20 +139,16 @@ class Network(DistributedNodes):
         number = self._first_number[part] + ij[..., 0] - self.warp_yarns.first[part]
         return np.where(part >= 0, number, -1)
 
-    def _make_crossovers(self, segments: np.ndarray, outline_xy: shapely.Polygon) -> None:
+    def _make_crossovers(self, segments: np.ndarray, outline: shapely.Polygon) -> None:
         ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
         n = len(ij)
         self.crossover_ij = ij.astype(np.int32)
         self.crossover_position = self._to_xy(ij)
         self.crossover_number_global = self.crossover_number(ij)
-        cut = cells_cut(segments)
-        around = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
-        near = np.unique((cut[:, None] + around).reshape(-1, 2), axis=0)
-        # Keys of lattice points sort like the crossovers do: by warp yarn, then along it.
-        near_key = np.sort((near[:, 1] << 32) + near[:, 0])
-        own_key = (ij[:, 1] << 32) + ij[:, 0]
-        at = np.searchsorted(near_key, own_key)
-        is_near = near_key[np.minimum(at, len(near_key) - 1)] == own_key
+        around = np.indices((3, 3)).reshape(2, -1).T - 1
+        near_i, near_j = (cells_cut(segments)[:, None] + around).reshape(-1, 2).T
+        near_key = np.unique(pair_key(near_j, near_i))
+        is_near = find_sorted(near_key, pair_key(ij[:, 1], ij[:, 0])) >= 0
         self.boundary_crossovers = np.flatnonzero(is_near).astype(np.int32)
 
         half = np.tile(0.5 * self.pitch, 2)
@@ -166,14 +159,8 @@ class Network(DistributedNodes):
         length, shared = self._cut_arms(edge)
         self.arm_length[is_near] = length * np.tile(self.pitch, 2)
         self.arm_is_shared[is_near] = shared
-        rings = [
-            self._to_lattice(np.asarray(r.coords)[:, :2])
-            for r in (outline_xy.exterior, *outline_xy.interiors)
-        ]
-        outline = shapely.Polygon(snapped(rings[0]), [snapped(r) for r in rings[1:]])
-        self.quadrant_area[is_near] = (
-            quadrant_areas(edge, self.has_crossover, outline) * self.pitch.prod()
-        )
+        area = quadrant_areas(edge, self.has_crossover, outline)
+        self.quadrant_area[is_near] = area * self.pitch.prod()
 
     def _cut_arms(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arm lengths in pitches (n, 4) and whether each ends at a neighbouring crossover."""
@@ -182,8 +169,6 @@ class Network(DistributedNodes):
         for family, yarns in enumerate((self.warp_yarns, self.weft_yarns)):
             along, line = ij[:, family], ij[:, 1 - family]
             part = yarns.find(line, along)
-            if len(yarns.line) == 0:
-                continue
             for arm, ends, sign in ((family, yarns.end, 1), (family + 2, yarns.start, -1)):
                 step = ARM_STEP[arm]
                 next_part = yarns.find(line, along + sign)
@@ -196,48 +181,32 @@ class Network(DistributedNodes):
     # -- nodes ----------------------------------------------------------------------------------
 
     def _node_keys(self) -> np.ndarray:
-        """Key of the node at the end of each arm, (n_owned, 4).
-
-        A key packs the yarn family (bit 62), the yarn's number (30 bits) and the place on the yarn
-        (32 bits) in quarters of a pitch: 4 i for a hinge, 4 i + 1 and 4 i - 1 for a tail after and
-        before crossover i, 4 i + 2 for the end shared by i and i + 1.
-        """
-        ij = self.crossover_ij.astype(np.int64)
-        keys = np.empty((len(ij), 4), np.int64)
-        for arm in range(4):
-            family, after = arm % 2, arm < 2
-            place = 4 * ij[:, family] + np.where(
-                self.arm_is_shared[:, arm],
-                BETWEEN if after else BETWEEN - 4,
-                TAIL_AFTER if after else TAIL_BEFORE,
-            )
-            keys[:, arm] = pack_key(family, ij[:, 1 - family], place)
-        hinge = pack_key(0, ij[:, 1], 4 * ij[:, 0] + HINGE)
-        missing = self.arm_length == 0
-        keys[missing] = np.broadcast_to(hinge[:, None], missing.shape)[missing]
-        return keys
+        """Keys of the nodes at the ends of the arms, (n_owned, 4); the hinge's for missing arms."""
+        i, j = self.crossover_ij.astype(np.int64).T
+        warp, weft = pack_key(0, j, 4 * i), pack_key(1, i, 4 * j)  # the crossover on its two yarns
+        keys = np.where(self.arm_is_shared, BETWEEN, TAIL)
+        keys += np.stack([warp, weft, warp, weft], axis=1)
+        return np.where(self.arm_length == 0, warp[:, None], keys)
 
     def _make_nodes(self) -> None:
         ij = self.crossover_ij.astype(np.int64)
         keys = self._node_keys()
-        foreign = np.zeros(keys.shape, bool)
         owner = np.full(keys.shape, self.comm.rank, np.int32)
         for arm in (2, 3):  # an end shared by two crossovers belongs to the lower one
             behind = ij + ARM_STEP[arm]
             ask = self.arm_is_shared[:, arm] & ~self.partition.in_box(behind, self.comm.rank)
-            foreign[ask, arm] = True
             owner[ask, arm] = self.partition.owner(behind[ask])
+        foreign = owner != self.comm.rank
         owned = np.unique(keys[~foreign])
         super().__init__(self.comm, owned, keys[foreign], owner[foreign])
         self.arm_node = self.find(keys)
         self.node_position = np.empty((self.num_nodes_local, 2))
         self.node_is_boundary = np.zeros(self.num_nodes_local, bool)
-        direction = ARM_STEP @ self.preform.rotation
-        for arm in range(4):
+        self.node_is_boundary[self.arm_node[self.boundary_crossovers]] = True
+        for arm, direction in enumerate(self.to_lab(ARM_STEP)):
             self.node_position[self.arm_node[:, arm]] = (
-                self.crossover_position + self.arm_length[:, arm, None] * direction[arm]
+                self.crossover_position + self.arm_length[:, arm, None] * direction
             )
-            self.node_is_boundary[self.arm_node[self.boundary_crossovers, arm]] = True
         self.halo.forward(self.node_position)
         self.halo.share(self.node_is_boundary, np.logical_or)
 

@@ -28,19 +28,18 @@ class Nodes(DistributedNodes):
     def __init__(self, network: Network):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
-        owned_nodes = network.num_nodes_owned
         joined = network.arm_is_shared[:, :2]
-        next_key = np.empty((len(ij), 2), np.int64)
-        ghost_key, ghost_owner = [network.node_key[owned_nodes:]], [network.ghost_owner]
-        for family in (0, 1):
-            there = ij + ARM_STEP[family]
-            next_key[:, family] = pack_key(0, there[:, 1], 4 * there[:, 0])
-            away = joined[:, family] & ~network.partition.in_box(there, network.comm.rank)
-            ghost_key.append(next_key[away, family])
-            ghost_owner.append(network.partition.owner(there[away]))
-        owned_key = np.union1d(network.node_key[:owned_nodes], hinge_key)
-        ghosts = np.concatenate(ghost_key), np.concatenate(ghost_owner)
-        super().__init__(network.comm, owned_key, *ghosts)
-        self.of_network_node = self.find(network.node_key)
+        there = ij[:, None] + ARM_STEP[:2]
+        next_key = pack_key(0, there[..., 1], 4 * there[..., 0])
+        away = joined & ~network.partition.in_box(there, network.comm.rank)
+        end_key = network.node_key
+        owned, ghost = np.split(end_key, [network.num_nodes_owned])
+        super().__init__(
+            network.comm,
+            np.union1d(owned, hinge_key),
+            np.concatenate([ghost, next_key[away]]),
+            np.concatenate([network.ghost_owner, network.partition.owner(there[away])]),
+        )
+        self.of_network_node = self.find(end_key)
         self.of_hinge = self.find(hinge_key)
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))

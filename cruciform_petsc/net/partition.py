@@ -3,20 +3,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from .lattice import YarnLines
-
-
-@dataclass
-class _Cut:
-    """One cut of the bisection: ranks below ``middle`` get positions < ``at`` along ``axis``."""
-
-    axis: int
-    at: int
-    middle: int
+from .lattice import YarnLines, whole_numbers
 
 
 class Partition:
@@ -30,7 +19,8 @@ class Partition:
         low = np.array([yarns.first.min(), yarns.line.min()])
         high = np.array([yarns.last.max(), yarns.line.max()]) + 1
         self.box = np.empty((size, 2, 2), np.int64)
-        self._cuts: dict[tuple[int, int], _Cut] = {}
+        # Of ranks first to stop - 1: those below ``middle`` get positions below ``at`` on an axis.
+        self._cuts: dict[tuple[int, int], tuple[int, int, int]] = {}
         self._split(yarns, low, high, 0, size)
 
     def _split(self, yarns: YarnLines, low, high, first: int, stop: int) -> None:
@@ -43,12 +33,11 @@ class Partition:
         end = np.minimum(yarns.last + 1, high[0])
         keep = (yarns.line >= low[1]) & (yarns.line < high[1]) & (end > begin)
         begin, end, line = begin[keep], end[keep], yarns.line[keep] - low[1]
+        width, height = high - low
+        starts, ends = (np.bincount(x - low[0], minlength=width + 1) for x in (begin, end))
         counts = [
-            np.cumsum(
-                np.bincount(begin - low[0], minlength=high[0] - low[0] + 1)
-                - np.bincount(end - low[0], minlength=high[0] - low[0] + 1)
-            )[:-1],
-            np.bincount(line, weights=end - begin, minlength=high[1] - low[1]),
+            np.cumsum(starts - ends)[:-1],
+            np.bincount(line, weights=end - begin, minlength=height),
         ]
         choices = []
         for axis in (1, 0):
@@ -59,7 +48,7 @@ class Partition:
             off = abs(total[at] - share * total[-1])
             choices.append((off + cost, axis, at + int(low[axis])))
         _, axis, at = min(choices, key=lambda choice: choice[0])
-        self._cuts[first, stop] = _Cut(axis, at, middle)
+        self._cuts[first, stop] = axis, at, middle
         left_high, right_low = high.copy(), low.copy()
         left_high[axis] = right_low[axis] = at
         self._split(yarns, low, left_high, first, middle)
@@ -71,7 +60,7 @@ class Partition:
         return ((ij >= low) & (ij < high)).all(axis=-1)
 
     def owner(self, ij: np.ndarray) -> np.ndarray:
-        """Rank of each lattice point (n, 2) within the lattice's bounding box; int32 (n,)."""
+        """Rank of each lattice point (n, 2), the nearest box's outside all; int32 (n,)."""
         owner = np.zeros(len(ij), np.int32)
         todo = [(0, len(self.box), np.arange(len(ij)))]
         while todo:
@@ -79,20 +68,17 @@ class Partition:
             if stop - first == 1 or len(rows) == 0:
                 owner[rows] = first
                 continue
-            cut = self._cuts[first, stop]
-            left = ij[rows, cut.axis] < cut.at
-            todo.append((first, cut.middle, rows[left]))
-            todo.append((cut.middle, stop, rows[~left]))
+            axis, at, middle = self._cuts[first, stop]
+            left = ij[rows, axis] < at
+            todo.append((first, middle, rows[left]))
+            todo.append((middle, stop, rows[~left]))
         return owner
 
     def crossovers(self, yarns: YarnLines, rank: int) -> np.ndarray:
         """Lattice positions (n, 2) of a rank's crossovers, along each warp yarn in turn."""
         low, high = self.box[rank]
         begin = np.maximum(yarns.first, low[0])
-        count = np.maximum(np.minimum(yarns.last + 1, high[0]) - begin, 0)
+        count = np.minimum(yarns.last + 1, high[0]) - begin
         count[(yarns.line < low[1]) | (yarns.line >= high[1])] = 0
-        ij = np.empty((count.sum(), 2), np.int64)
-        part = np.repeat(np.arange(len(count)), count)
-        ij[:, 0] = np.arange(len(ij)) - np.repeat(np.cumsum(count) - count, count) + begin[part]
-        ij[:, 1] = yarns.line[part]
-        return ij
+        part, i = whole_numbers(begin, count)
+        return np.stack([i, yarns.line[part]], axis=1)

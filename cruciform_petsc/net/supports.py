@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
-from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
+from ..parallel import most
 from .edges import Constraints
 from .lattice import HELD, OPPOSITE, QUADRANTS
 
@@ -21,12 +22,10 @@ class Supports:
 
     Attributes
     ----------
-    carrying : bool (n_owned,)
-        False for crossovers that carry no load and are left out of equilibrium: those that hang on
-        by one arm end without yarn bending (nothing keeps them from turning about it), and tips of
-        free corners.
     round_ : int32 (n_owned,)
-        In which round of removal a crossover was left out; 0 for carrying ones.
+        0 for crossovers that carry load. Others are left out of equilibrium, in this round of
+        removal: those that hang on by one arm end without yarn bending (nothing keeps them from
+        turning about it), and tips of free corners.
     strain_source, rotation_source : int (n_boundary, 4)
         See elements.small.arm_rows.
     quadrant_area : float (n_boundary, 4)
@@ -37,13 +36,17 @@ class Supports:
         Unknowns that exist.
     """
 
-    carrying: np.ndarray
     round_: np.ndarray
     strain_source: np.ndarray
     rotation_source: np.ndarray
     quadrant_area: np.ndarray
     slaved: np.ndarray
     active: np.ndarray
+
+    @property
+    def carrying(self) -> np.ndarray:
+        """Which crossovers carry load; bool (n_owned,)."""
+        return self.round_ == 0
 
     @property
     def num_hanging(self) -> int:
@@ -71,33 +74,27 @@ def find_supports(constraints: Constraints) -> Supports:
     Raises InputError on every rank if a part of the network hangs on no clamp.
     """
     network, bending = constraints.network, constraints.bending
-    carrying, round_, joined = _leave_out_hanging(constraints)
-    scrap = _check_held(constraints, carrying)
-    carrying[scrap], round_[scrap] = False, 1
+    round_, joined = _leave_out_hanging(constraints)
+    round_[_check_held(constraints, round_ == 0)] = 1
+    carrying = round_ == 0
 
     boundary = network.boundary_crossovers
     nodes = network.arm_node[boundary]
     missing = network.arm_length[boundary] == 0
     held = constraints.held_arm[nodes, np.arange(4)]
-    own = np.broadcast_to(np.arange(4), nodes.shape)
-    other = np.broadcast_to(OPPOSITE, nodes.shape)
-    other_missing, other_held = missing[:, OPPOSITE], held[:, OPPOSITE]
-
-    nothing = missing & other_missing & ~held
-    source = np.where(missing, np.where(held | nothing, HELD, other), own)
+    nothing = missing & missing[:, OPPOSITE] & ~held
+    source = np.where(missing, np.where(held | nothing, HELD, OPPOSITE), np.arange(4))
     slaved = np.zeros_like(missing)
     if not bending:
         tail = ~missing & ~joined[boundary]
         # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
-        slaved = tail & ~(other_missing & ~other_held) & ~(tail[:, OPPOSITE] & (own < other))
-    rotation_source = np.where(slaved, other, source)
+        follows = tail & ~(tail[:, OPPOSITE] & (np.arange(4) < OPPOSITE))
+        slaved = follows & ~(missing & ~held)[:, OPPOSITE]
     # The other arm may itself be missing and held.
-    rotation_source = np.where(
-        slaved & (source[np.arange(len(source))[:, None], other] == HELD), HELD, rotation_source
-    )
-    area = network.quadrant_area[boundary].copy()
-    for q, (i, j) in enumerate(QUADRANTS):
-        area[nothing[:, i] | nothing[:, j], q] = 0.0
+    of_other = np.where(source[:, OPPOSITE] == HELD, HELD, OPPOSITE)
+    rotation_source = np.where(slaved, of_other, source)
+    area = network.quadrant_area[boundary]
+    area = np.where(nothing[:, QUADRANTS].any(axis=2), 0.0, area)
 
     active = np.zeros((network.num_nodes_local, 3 if bending else 2), bool)
     active[network.arm_node[carrying].ravel()] = True
@@ -105,9 +102,8 @@ def find_supports(constraints: Constraints) -> Supports:
         active[network.node_is_hinge, 2] = False
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
-    network.halo.reverse(active, np.logical_or)
-    network.halo.forward(active)
-    return Supports(carrying, round_, source, rotation_source, area, slaved, active)
+    network.halo.share(active, np.logical_or)
+    return Supports(round_, source, rotation_source, area, slaved, active)
 
 
 def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
@@ -117,7 +113,7 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
     """
     network, round_ = constraints.network, supports.round_
     force = constraints.force.copy()
-    for number in range(1, network.comm.allreduce(int(round_.max(initial=0)), MPI.MAX) + 1):
+    for number in range(1, most(network.comm, round_, initial=0) + 1):
         onward = np.zeros(network.num_nodes_local, bool)
         onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True
         network.halo.share(onward, np.logical_or)
@@ -132,30 +128,25 @@ def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
     return force
 
 
-def _leave_out_hanging(constraints: Constraints):
-    """Carrying crossovers, round of removal, and which arms are joined to something."""
+def _leave_out_hanging(constraints: Constraints) -> tuple[np.ndarray, np.ndarray]:
+    """Round of removal of each crossover, and which arms are joined to something in the end."""
     network, bending = constraints.network, constraints.bending
-    n = network.num_crossovers_owned
-    carrying, round_ = np.ones(n, bool), np.zeros(n, np.int32)
+    round_ = np.zeros(network.num_crossovers_owned, np.int32)
     fixed = constraints.fixed.any(axis=1) | constraints.tied
     missing = network.arm_length == 0
     on_clamp = (missing & constraints.held[network.arm_node]).any(axis=1)
     tip = (missing & missing[:, OPPOSITE]).any(axis=1) & ~on_clamp
-    number = 0
-    while True:
-        users = np.zeros(network.num_nodes_local, np.int32)
-        np.add.at(users, network.arm_node[carrying].ravel(), 1)
-        network.halo.reverse(users)
-        network.halo.forward(users)
+    for number in count(1):
+        nodes = network.arm_node[round_ == 0]
+        users = network.halo.share(np.bincount(nodes.ravel(), minlength=network.num_nodes_local))
         joined = network.arm_is_shared & (users[network.arm_node] > 1)
         joined |= fixed[network.arm_node] & ~missing
         hanging = tip if bending else tip | (~on_clamp & (joined.sum(axis=1) <= 1))
-        hanging = hanging & carrying
+        hanging = hanging & (round_ == 0)
         if not network.comm.allreduce(int(hanging.sum())):
-            return carrying, round_, joined
-        number += 1
-        carrying[hanging] = False
+            break
         round_[hanging] = number
+    return round_, joined
 
 
 def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
@@ -183,8 +174,7 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         network.halo.share(label, np.minimum)
         if not network.comm.allreduce(int((label != before).any())):
             break
-    users = np.zeros(n, np.int32)
-    np.add.at(users, nodes.ravel(), 1)
+    users = np.bincount(nodes.ravel(), minlength=n)
     joint = np.zeros(n, bool)
     joint[nodes[network.arm_is_shared[carrying]]] = True
     network.halo.reverse(users)
@@ -194,28 +184,26 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
     labels = np.unique(np.concatenate([label[owned], of_crossover]))
     at, at_crossover = np.searchsorted(labels, label[owned]), np.searchsorted(labels, of_crossover)
     size = len(labels)
-    # For each part: prescribed unknowns, arm ends, crossovers, joints between them.
-    counts = np.stack([
+    counts = [
+        labels,
         np.bincount(at, constraints.fixed[owned].sum(axis=1), size),
         np.bincount(at, minlength=size),
         np.bincount(at_crossover, minlength=size),
         np.bincount(at, joint[owned] & (users[owned] == 2), size),
-    ], axis=1)  # fmt: skip
-    total: dict[int, np.ndarray] = {}
-    for part in network.comm.allgather(list(zip(labels, counts, strict=True))):
-        for name, here in part:
-            total[name] = total.get(name, 0) + here
-    if not total:
+    ]
+    every = np.concatenate(network.comm.allgather(np.stack(counts, axis=1).astype(np.int64)))
+    parts, part = np.unique(every[:, 0], return_inverse=True)
+    total = np.zeros((len(parts), 4), np.int64)
+    np.add.at(total, part, every[:, 1:])
+    fixed, ends, crossovers, joints = total.T
+    if len(parts) == 0:
         raise InputError(
             "nothing carries load: without yarn bending every crossover turns freely; switch "
             "bending on, choose a finer pitch (refine) or clamp an edge that more yarns reach"
         )
-    loose = {name: part for name, part in total.items() if part[0] < 3}
-    scrap = [name for name, part in loose.items() if part[3] == part[2] - 1]
-    if len(loose) == len(total) or len(scrap) < len(loose):
-        ends = int(max(part[1] for part in loose.values()))
-        raise InputError(
-            f"{'the body' if len(total) == 1 else f'a part of {ends} arm ends'} can float: "
-            "no clamp holds it; clamp an edge that its yarns reach"
-        )
-    return np.flatnonzero(carrying)[np.isin(of_crossover, scrap)]
+    loose = fixed < 3
+    scrap = loose & (joints == crossovers - 1)
+    if loose.all() or (loose & ~scrap).any():
+        name = "the body" if len(parts) == 1 else f"a part of {ends[loose].max()} arm ends"
+        raise InputError(f"{name} can float: no clamp holds it; clamp an edge that its yarns reach")
+    return np.flatnonzero(carrying)[np.isin(of_crossover, parts[scrap])]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..elements import small as kernels
 from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.supports import Supports, find_supports, pass_on_loads
+from ..parallel import most
 from ..solvers.pattern import BlockPattern, Layout
 
 MODES = ("tension", "shear", "bending")
@@ -382,7 +382,7 @@ class LinearNetwork:
         yarn[tails] += across[:, None] * normal[arm]
         tell(tails)
 
-        rounds = network.comm.allreduce(int(supports.round_.max(initial=0)), MPI.MAX)
+        rounds = most(network.comm, supports.round_, initial=0)
         known: np.ndarray = (supports.active | self.constraints.fixed)[:, :2].any(axis=1)
         done = supports.carrying.copy()
         for number in range(rounds, 0, -1):

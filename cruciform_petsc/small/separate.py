@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
+from ..parallel import least
 from ..solvers.csr import aij
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..solvers.options import LEAST_NORM, PREFIX
@@ -93,8 +94,7 @@ def _tie_matrix(linear: LinearNetwork) -> tuple[PETSc.Mat, int]:
     owned = network.num_nodes_owned
     number = network.node_number_global[:owned, None] * d + np.arange(d)
     tied = linear.constraints.tied[:owned]
-    lowest = number[tied, 0].min(initial=np.iinfo(np.int64).max)
-    master = min(network.comm.allgather(int(lowest)))
+    master = least(network.comm, number[tied, 0], initial=np.iinfo(np.int64).max)
     column = number.copy()
     column[tied, 0] = master
     n = column.size

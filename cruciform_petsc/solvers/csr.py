@@ -15,6 +15,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 _INT, _SCALAR = np.dtype(PETSc.IntType), np.dtype(PETSc.ScalarType)
+_C_INT = ctypes.c_int64 if _INT.itemsize == 8 else ctypes.c_int32
+_PETSC = ctypes.CDLL(PETSc.__file__)  # what petsc4py is linked with is found through it
 
 
 @dataclass
@@ -118,69 +120,42 @@ def local_rows(matrix: PETSc.Mat, write: bool = False) -> Iterator[LocalRows]:
     petsc4py copies row by row, which takes as long as twenty products of the matrix; PETSc's own
     functions are therefore called through ctypes.
     """
-    n = matrix.getLocalSize()[0]
-    if matrix.getType() == PETSc.Mat.Type.SEQAIJ:
-        own, off, ghost = ctypes.c_void_p(matrix.handle), None, np.zeros(0, np.int64)
-    else:
+    n, whole = matrix.getLocalSize()[0], ctypes.c_void_p(matrix.handle)
+    halves, ghost = [whole], np.zeros(0, np.int64)
+    if matrix.getType() != PETSc.Mat.Type.SEQAIJ:
         own, off, garray = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
-        handle = ctypes.c_void_p(matrix.handle)
-        _call("MatMPIAIJGetSeqAIJ", handle, *map(ctypes.byref, (own, off, garray)))
-        columns = ctypes.c_int64() if _INT.itemsize == 8 else ctypes.c_int32()
-        rows = type(columns)()
+        _call("MatMPIAIJGetSeqAIJ", whole, *map(ctypes.byref, (own, off, garray)))
+        halves, rows, columns = [own, off], _C_INT(), _C_INT()
         _call("MatGetSize", off, ctypes.byref(rows), ctypes.byref(columns))
-        ghost = _view(garray.value, columns.value, _INT).astype(np.int64)
-    parts = [_Sequential(part, write) for part in (own, off) if part is not None]
+        ghost = _view(garray, columns.value, _INT).astype(np.int64)
+    access = "" if write else "Read"
+    arrays, borrowed = [], []
     try:
-        arrays = [part.arrays(n) for part in parts]
-        if off is None:
+        for half in halves:
+            i, j, a = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
+            outputs = map(ctypes.byref, (_C_INT(), i, j, ctypes.c_int()))
+            _call("MatGetRowIJ", half, _C_INT(0), ctypes.c_int(0), ctypes.c_int(0), *outputs)
+            _call(f"MatSeqAIJGetArray{access}", half, ctypes.byref(a))
+            borrowed.append((half, a))
+            pointer = _view(i, n + 1, _INT)
+            column, value = _view(j, pointer[-1], _INT), _view(a, pointer[-1], _SCALAR)
+            arrays.append((pointer, column, value))
+        if len(halves) == 1:
             arrays.append((np.zeros(n + 1, _INT), np.zeros(0, _INT), np.zeros(0, _SCALAR)))
         yield LocalRows(*arrays[0], *arrays[1], ghost)
     finally:
-        for part in parts:
-            part.restore()
-
-
-class _Sequential:
-    """Borrowed arrays of a SeqAIJ matrix."""
-
-    def __init__(self, handle: ctypes.c_void_p, write: bool):
-        self.handle, self.access = handle, "" if write else "Read"
-        self.i, self.j, self.a = ctypes.c_void_p(), ctypes.c_void_p(), ctypes.c_void_p()
-
-    def arrays(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        rows = ctypes.c_int64() if _INT.itemsize == 8 else ctypes.c_int32()
-        done = ctypes.c_int()
-        no = ctypes.c_int(0)
-        _call("MatGetRowIJ", self.handle, type(rows)(0), no, no, ctypes.byref(rows),
-              ctypes.byref(self.i), ctypes.byref(self.j), ctypes.byref(done))  # fmt: skip
-        _call(f"MatSeqAIJGetArray{self.access}", self.handle, ctypes.byref(self.a))
-        pointer = _view(self.i.value, n + 1, _INT)
-        size = int(pointer[-1])
-        return pointer, _view(self.j.value, size, _INT), _view(self.a.value, size, _SCALAR)
-
-    def restore(self) -> None:
-        if self.a.value is not None:
-            _call(f"MatSeqAIJRestoreArray{self.access}", self.handle, ctypes.byref(self.a))
+        for half, a in borrowed:
+            _call(f"MatSeqAIJRestoreArray{access}", half, ctypes.byref(a))
 
 
 def _call(name: str, *arguments) -> None:
-    error = getattr(_library(), name)(*arguments)
+    error = getattr(_PETSC, name)(*arguments)
     if error:
         raise PETSc.Error(error)
 
 
-_LIBRARY: list[ctypes.CDLL] = []
-
-
-def _library() -> ctypes.CDLL:
-    """The PETSc that petsc4py is linked with: its symbols are found through the extension."""
-    if not _LIBRARY:
-        _LIBRARY.append(ctypes.CDLL(PETSc.__file__))
-    return _LIBRARY[0]
-
-
-def _view(address: int | None, size: int, dtype: np.dtype) -> np.ndarray:
-    if not size or address is None:
+def _view(pointer: ctypes.c_void_p, size: int, dtype: np.dtype) -> np.ndarray:
+    if not size or pointer.value is None:
         return np.zeros(0, dtype)
-    buffer: Any = (ctypes.c_char * (size * dtype.itemsize)).from_address(address)
+    buffer: Any = (ctypes.c_char * (int(size) * dtype.itemsize)).from_address(pointer.value)
     return np.frombuffer(buffer, dtype)

@@ -25,7 +25,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..parallel import ask, find_sorted
+from ..parallel import ask, find_sorted, most
 from .csr import aij, sort_rows
 from .galerkin import Corners, galerkin
 from .yarns import OnYarns, YarnSmoother
@@ -133,7 +133,7 @@ def contrast(matrix: PETSc.Mat) -> float:
     low, high = np.percentile(entries, (10, 90)) if len(entries) else (1.0, 1.0)
     diagonal.destroy()
     contrast = high / low if low > 0.0 else np.inf
-    return float(matrix.comm.tompi4py().allreduce(contrast, MPI.MAX))
+    return most(matrix.comm.tompi4py(), contrast)
 
 
 @numba.njit(cache=True)
@@ -222,11 +222,11 @@ def interpolation(
     number[component, i, j], component_owned, point_owned = _number(
         comm, fine.owner(point * step), component, point, strong
     )
-    most = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
+    room = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column: np.ndarray = np.empty(most, _INT)
-    code: np.ndarray = np.empty(most, np.uint8)
-    weight: np.ndarray = np.empty(most)
+    column: np.ndarray = np.empty(room, _INT)
+    code: np.ndarray = np.empty(room, np.uint8)
+    weight: np.ndarray = np.empty(room)
     size = _rows(*geometry, number, pointer, column, code, weight)
     column, code, weight = column[:size], code[:size], weight[:size]
     by_corner = Corners(cell, pointer, code, weight.copy(), number, low)

@@ -21,10 +21,9 @@ from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.edges import (
     Constraints,
-    _chains,
-    _keep_moment,
-    _lumped_lengths,
-    _nearest,
+    chains,
+    keep_moment,
+    lumped_lengths,
 )
 from cruciform_petsc.net.lattice import HELD
 from cruciform_petsc.net.network import Network
@@ -300,7 +299,7 @@ def test_lumped_lengths():
     """Each point up to halfway to the next, the outer ones to the ends; coinciding points share."""
 
     def lumped(where, knots=(0.0, 6.0), share=(1.0,)):
-        return _lumped_lengths(np.array(where), np.array(knots), np.array(share))
+        return lumped_lengths(np.array(where), np.array(knots), np.array(share))
 
     np.testing.assert_allclose(lumped([3.0, 1.0, 4.0]), [1.5, 2.0, 2.5])
     np.testing.assert_allclose(lumped([1.0, 4.0, 1.0]), [1.25, 3.5, 1.25])
@@ -313,12 +312,12 @@ def test_keep_moment():
     """What one end alone gets wrong, the other family makes up for; a single end stays."""
     where = [np.array([2.0]), np.array([0.5, 3.5, 5.0])]
     lengths = [np.array([1.8]), np.array([1.4, 1.6, 1.2])]
-    _keep_moment(lengths, where, 18.0)
+    keep_moment(lengths, where, 18.0)
     assert lengths[0].tolist() == [1.8]
     assert lengths[1].sum() == pytest.approx(4.2)
     assert sum(a @ b for a, b in zip(lengths, where, strict=True)) == pytest.approx(18.0)
     alone = [np.array([6.0]), np.array([])]
-    _keep_moment(alone, [np.array([2.0]), np.array([])], 18.0)
+    keep_moment(alone, [np.array([2.0]), np.array([])], 18.0)
     assert alone[0].tolist() == [6.0]
 
 
@@ -326,11 +325,8 @@ def test_chains():
     """Segments that follow on one another are one line."""
     line = np.array([[0, 0], [1, 0], [1, 1], [3, 1], [4, 1], [4, 4]], float)
     segments = np.stack([line[:-1], line[1:]], axis=1)
-    assert [len(part) for part in _chains(segments)] == [5]
-    assert [len(part) for part in _chains(segments[[0, 1, 3, 4]])] == [2, 2]
-    distance, along = _nearest(np.array([[0.5, 0.1], [4.2, 3.0]]), segments)
-    np.testing.assert_allclose(distance, [0.1, 0.2])
-    np.testing.assert_allclose(along, [0.5, 7.0])
+    assert [len(part) for part in chains(segments)] == [5]
+    assert [len(part) for part in chains(segments[[0, 1, 3, 4]])] == [2, 2]
 
 
 # -- supports: what holds a cruciform ------------------------------------------------------------

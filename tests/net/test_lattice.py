@@ -11,11 +11,11 @@ from cruciform_petsc.net.lattice import (
     OPPOSITE,
     QUADRANTS,
     SNAP,
-    _union,
     boundary_segments,
     cells_cut,
     quadrant_areas,
     snapped,
+    union_of_intervals,
     yarn_lines,
 )
 
@@ -186,7 +186,7 @@ def test_union_of_intervals(seed):
             slow[-1][2] = max(slow[-1][2], end[k])
         else:
             slow.append([line[k], start[k], end[k]])
-    fast = _union(line, start, end)
+    fast = union_of_intervals(line, start, end)
     assert [list(row) for row in zip(*fast, strict=True)] == slow
 
 

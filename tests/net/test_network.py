@@ -13,13 +13,21 @@ from support.helpers import (
     diagonals,
     holed,
     l_shape,
+    random_polygon,
     random_preform,
 )
 
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.net.keys import pack_key
-from cruciform_petsc.net.lattice import ARM_STEP, OPPOSITE, SHORTEST_ARM, SNAP
+from cruciform_petsc.net.lattice import (
+    ARM_STEP,
+    OPPOSITE,
+    SHORTEST_ARM,
+    SNAP,
+    quadrant_areas,
+    snapped,
+)
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.net.partition import Partition
 
@@ -27,6 +35,15 @@ from cruciform_petsc.net.partition import Partition
 def serial(preform, fabric=TABLE_1):
     """The network on one rank."""
     return Network(MPI.COMM_SELF, preform, fabric)
+
+
+def on_half_pitches(rng):
+    """An outline with corners on half pitches: edges run along the borders of lattice cells."""
+    while True:
+        corners = np.round(2 * random_polygon(rng, 5.0)) / 2
+        outline = shapely.Polygon(corners)
+        if outline.is_valid and outline.area > 4:
+            return Preform.polygon(PITCH * corners, [], np.pi / 2, origin=(0.0, 0.0))
 
 
 def various():
@@ -39,6 +56,11 @@ def various():
     for k in range(6):
         preform = random_preform(rng, UNEVEN, 5.0, hole=k % 2 == 0)
         yield pytest.param(preform, UNEVEN, id=f"random-{k}")
+    for k in range(12):
+        yield pytest.param(on_half_pitches(rng), TABLE_1, id=f"half-pitches-{k}")
+    stairs = PITCH * np.array([(0, 0), (3.5, 0), (3.5, 1.5), (1.5, 1.5), (1.5, 3.5), (0, 3.5)])
+    preform = Preform.polygon(stairs, [], np.pi / 2, origin=(0.0, 0.0))
+    yield pytest.param(preform, TABLE_1, id="cell-borders")
 
 
 VARIOUS = list(various())
@@ -221,7 +243,13 @@ def test_boundary_crossovers(preform, fabric):
     assert network.arm_is_shared[regular].all()
     half, quarter = 0.5 * np.tile(network.pitch, 2), 0.25 * network.pitch.prod()
     np.testing.assert_array_equal(network.arm_length[regular], np.tile(half, (regular.sum(), 1)))
-    np.testing.assert_allclose(network.quadrant_area[regular], quarter)
+    # As if all were looked at closely.
+    outline = shapely.transform(
+        preform.outline,
+        lambda xy: snapped((xy - preform.lattice_origin) @ preform.rotation.T / network.pitch),
+    )
+    every = quadrant_areas(network.crossover_ij, network.has_crossover, outline)
+    np.testing.assert_allclose(network.quadrant_area, 4 * quarter * every, atol=1e-9 * quarter)
     off = shapely.distance(preform.outline.boundary, shapely.points(network.node_position))
     assert network.node_is_boundary[off < 0.4 * network.pitch.min()].all()
 

@@ -173,6 +173,34 @@ def test_a_family_is_solved_whole(family, bending, fabric):
     matrix.destroy()
 
 
+def test_ghost_nodes_are_whole():
+    """Of a node this rank's rows know one unknown only; the joint behind it is found all the same.
+
+    Nodes of two unknowns: 0 on a yarn of its own, 1 and 2 on one yarn, cut between the ranks.
+    """
+    own = {1: (0, 6), 2: (0, 4) if COMM.rank == 0 else (4, 6)}[min(COMM.size, 2)]
+    dense = np.diag(np.full(6, 4.0))
+    for row, column, value in ((1, 4, 0.5), (2, 4, -1.0), (3, 5, -2.0), (2, 5, 0.3), (0, 1, 0.2)):
+        dense[row, column] = dense[column, row] = value
+    matrix = PETSc.Mat().createAIJ(((own[1] - own[0], 6),) * 2, nnz=6, bsize=2, comm=COMM)
+    for row in range(*own):
+        for column in np.flatnonzero(dense[row]):
+            matrix.setValue(row, column, dense[row, column])
+    matrix.assemble()
+    node = np.arange(*own) // 2
+    line = np.stack([np.where(node == 0, 0, 1), np.full(len(node), -1)], axis=1).astype(np.int32)
+    lines = OnYarns(line, np.stack([node, node], axis=1).astype(float), None)
+    force = np.arange(1.0, 7.0)
+    x = YarnSmoother(matrix, lines).apply(force[slice(*own)], (0,)).copy()
+    every = np.concatenate(COMM.allgather(x))
+    # Couplings between different yarns are left out, and their size is added to the diagonal.
+    dense[1, 1] += 0.5
+    dense[4, 4] += 0.5
+    dense[1, 4] = dense[4, 1] = 0.0
+    np.testing.assert_allclose(every, np.linalg.solve(dense, force), rtol=1e-6)
+    matrix.destroy()
+
+
 @pytest.mark.three_ranks
 def test_yarns_that_cannot_be_joined():
     """A singular joint is known on the lower of two ranks only: all raise, and none waits."""
