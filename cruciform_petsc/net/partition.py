@@ -60,7 +60,7 @@ class Partition:
         return ((ij >= low) & (ij < high)).all(axis=-1)
 
     def owner(self, ij: np.ndarray) -> np.ndarray:
-        """Rank of each lattice point (n, 2) within the lattice's bounding box; int32 (n,)."""
+        """Rank of each lattice point (n, 2), the nearest box's outside all; int32 (n,)."""
         owner = np.zeros(len(ij), np.int32)
         todo = [(0, len(self.box), np.arange(len(ij)))]
         while todo:

@@ -222,11 +222,11 @@ def interpolation(
     number[component, i, j], component_owned, point_owned = _number(
         comm, fine.owner(point * step), component, point, strong
     )
-    most = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
+    room = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column: np.ndarray = np.empty(most, _INT)
-    code: np.ndarray = np.empty(most, np.uint8)
-    weight: np.ndarray = np.empty(most)
+    column: np.ndarray = np.empty(room, _INT)
+    code: np.ndarray = np.empty(room, np.uint8)
+    weight: np.ndarray = np.empty(room)
     size = _rows(*geometry, number, pointer, column, code, weight)
     column, code, weight = column[:size], code[:size], weight[:size]
     by_corner = Corners(cell, pointer, code, weight.copy(), number, low)

@@ -26,6 +26,7 @@ import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array, tril
 
 from ..errors import SolverError
 from ..parallel import Halo
@@ -267,33 +268,6 @@ def _backward(rows, start, factor_column, factor, inverse, x, y):
 
 
 @numba.njit(cache=True)
-def _joint_blocks(n, pointer, column, value, block, slot, start, factor_column, factor, blocks):
-    """A less L21 L21^T for the unknowns of each joint; those of one joint stand together.
-
-    block (s,): which joint; slot (s,): which unknown of it.
-    """
-    work = np.zeros(max(n, 1))
-    for s in range(len(block)):
-        k = n + s
-        for e in range(pointer[k], pointer[k + 1]):
-            q = column[e] - n
-            if q >= 0 and block[q] == block[s]:
-                blocks[block[s], slot[s], slot[q]] += value[e]
-                if q != s:
-                    blocks[block[s], slot[q], slot[s]] += value[e]
-        for e in range(start[k], start[k + 1]):
-            work[factor_column[e]] = factor[e]
-        for q in range(max(s - blocks.shape[1], 0), min(s + blocks.shape[1], len(block))):
-            if block[q] == block[s]:
-                total = 0.0
-                for e in range(start[n + q], start[n + q + 1]):
-                    total += factor[e] * work[factor_column[e]]
-                blocks[block[s], slot[s], slot[q]] -= total
-        for e in range(start[k], start[k + 1]):
-            work[factor_column[e]] = 0.0
-
-
-@numba.njit(cache=True)
 def _merge(pointer, column, value, ghost_pointer, ghost_column, ghost_value, num_ghost):
     """Rows of own unknowns with both halves in one, then ghosts' rows: their own columns only."""
     n = len(pointer) - 1
@@ -399,9 +373,14 @@ class _Family:
         # Joints: their Schur complement, summed up by the owner.
         self.joints, self.is_own = joints, joints < local.num_owned
         node, index = np.unique(joints // d, return_inverse=True)
+        rows = slice(n, None)
+        lower = csr_array((value, column, inside), (n + len(joints),) * 2)[rows, rows]
+        eliminated = csr_array((factor, self.column, self.start), (n + len(joints), n))[rows]
+        schur = (lower + tril(lower, -1).T - eliminated @ eliminated.T).tocoo()
+        same = index[schur.row] == index[schur.col]  # of couplings between joints none is kept
+        row, col = schur.row[same], schur.col[same]
         blocks = np.zeros((len(node), d, d))
-        _joint_blocks(n, inside, column, value, index, joints % d, self.start, self.column, factor,
-                      blocks)  # fmt: skip
+        blocks[index[row], joints[row] % d, joints[col] % d] = schur.data[same]
         every = np.zeros((local.size, d, d))  # the halo knows unknowns, not nodes
         every[node * d] = blocks
         local.halo.reverse(every)

@@ -60,8 +60,11 @@ def same(solved, alone, extension=1e-3):
             assert abs(every - expected).max() < 1e-8 * abs(expected).max()
         else:
             # Strains and rotations are differences over an arm, which may be a hundredth of a
-            # pitch; the largest of each kind takes the place of the largest displacement.
-            assert abs(every - expected).max() <= 1e-6 * abs(expected).max()
+            # pitch; the largest of each kind takes the place of the largest displacement. Energies
+            # are u K u: rounding of what a whole crossover's motion adds to it is left over.
+            size = abs(alone.fields["displacement"]).max()
+            rounding = 1e-15 * alone.model.typical_stiffness * size**2 * name.endswith("_energy")
+            assert abs(every - expected).max() <= 1e-6 * abs(expected).max() + rounding
     owned = network.num_nodes_owned
     moved = gathered(COMM, network.node_key[:owned], solved.node_displacement())
     assert abs(moved - alone.node_displacement()).max() < 1e-8 * extension
