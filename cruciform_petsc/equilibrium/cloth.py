@@ -15,8 +15,6 @@ from ..solvers.yarns import OnYarns
 from .model import Model
 from .state import Hold
 
-ASIDE = 2e-4  # pitches
-
 
 def model_of(ply: Ply) -> Model:
     """The model of a single ply. Collective."""
@@ -77,11 +75,8 @@ def unknowns_of(ply: Ply) -> Unknowns:
         at = nodes.of_network_node[network.arm_node[ends, arm]]
         mine = at < owned
         line[at[mine]] = (network.crossover_ij[ends[mine]] - low)[:, ::-1]
-    # A hinge in the middle of a coarse cell is to call for one of its corners only: beside a clamp
-    # it may be the only one that does, and corners with nothing but it in common would be alike.
-    point = lattice + np.where(hinge, ASIDE, 0.0)[:, None]
     return Unknowns(
-        np.repeat(point, 2, axis=0),
+        np.repeat(lattice, 2, axis=0),
         values.reshape(-1, 3),
         np.zeros((2 * owned, 2)),
         network.partition.owner,
