@@ -360,7 +360,7 @@ def test_one_place_of_a_case(place, value):
 
     def everything():
         case = Case.from_data(put(GOOD, place))
-        case._check_together()
+        case.check_together()
         assert Case.from_data(case.model_dump(exclude_none=True)) == case
         return case.test.values_si
 

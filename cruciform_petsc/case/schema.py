@@ -202,7 +202,7 @@ class Case(Table):
         for override in overrides:
             _apply(data, override)
         case = cls.from_data(data)
-        case._check_together()
+        case.check_together()
         return case
 
     @classmethod
@@ -258,7 +258,7 @@ class Case(Table):
         plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
         return super().model_dump(**(plain | options))
 
-    def _check_together(self) -> None:
+    def check_together(self) -> None:
         """Check what no single table can know."""
         fabric, preform = self.fabric(), self.preform()
         preform.check_size(fabric)

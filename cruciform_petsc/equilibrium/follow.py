@@ -107,7 +107,9 @@ def follow(
             last = found.state
             if not aim.accepts(found):
                 continue
-            path.append(replace(last, memory=equilibrium.model.accepted(last)))
+            last = replace(last, memory=equilibrium.model.accepted(last))
+            solved[-1] = found = replace(found, state=last)
+            path.append(last)
             if aim.reached:
                 path.target, path.allowed = path.target + 1, None
             step = Step.of(solved, stage.measure(found), aim.reached, cuts)
@@ -116,7 +118,7 @@ def follow(
                 accepted(step, path)
             if aim.reached:
                 break
-            solved, cuts, last = [], 0, path.state
+            solved, cuts = [], 0
     return done
 
 
