@@ -14,6 +14,7 @@ from ..errors import SolverError
 from .multigrid import Hierarchy
 from .options import (
     PREFIX,
+    RAISED,
     STEPS,
     default_options,
     near_null_space,
@@ -99,6 +100,8 @@ class LinearSolver:
             try:
                 self.ksp.setUp()
             except PETSc.Error as error:
+                if error.ierr == RAISED:  # an interrupt, say
+                    raise
                 raise SolverError(
                     f"the preconditioner '{self.ksp.getPC().getType()}' could not be set up "
                     f"(PETSc error {error.ierr})",

@@ -26,6 +26,7 @@ from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.equilibrium import cloth as cloth_module
 from cruciform_petsc.equilibrium import newton
 from cruciform_petsc.equilibrium.follow import Path, follow
+from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.equilibrium.newton import Equilibrium
 from cruciform_petsc.errors import EquilibriumError, InputError, SolverError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
@@ -1042,3 +1043,21 @@ def test_preconditioner_that_fails_within_snes(monkeypatch):
     fails, calls[:] = range(10_000), []
     with pytest.raises(EquilibriumError, match="levels fell over"):
         solved()
+
+
+@pytest.mark.parametrize(("what", "call"), [("force", 3), ("force", 4), ("stiffness", 5)])
+def test_interrupts_end_a_test(what, call, monkeypatch):
+    """In whatever PETSc calls: no smaller step is tried."""
+    calls, work = [], getattr(Model, what)
+
+    def interrupted(*args, **options):
+        calls.append(None)
+        if len(calls) == call:
+            raise KeyboardInterrupt
+        return work(*args, **options)
+
+    monkeypatch.setattr(Model, what, interrupted)
+    test = BiasExtension(network(Preform.rectangle("8 cm", "16 cm")), "1 cm", finite=True)
+    with pytest.raises(KeyboardInterrupt):
+        test.solve()
+    assert len(calls) == call
