@@ -159,17 +159,25 @@ def test_from_a_curve_to_a_prediction(tmp_path):
         assert (tmp_path / name / "comparison.json").exists()
 
 
-def test_ten_lines_of_python(tmp_path):
-    """The README's script, as it stands there."""
-    text = README.read_text().split("## Ten lines of Python")[1]
-    text = text.split("```python\n")[1].split("```")[0]
-    script = tmp_path / "script.py"
-    script.write_text(text)
+def script_of(document, heading, folder, ranks):
+    """Run the Python below a heading of a document, as it stands there."""
+    text = document.read_text().split(f"## {heading}")[1]
+    (folder / "script.py").write_text(text.split("```python\n")[1].split("```")[0])
     done = subprocess.run(
-        ["mpirun", "-n", "2", sys.executable, "script.py"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
+        ["mpirun", "-n", str(ranks), sys.executable, "script.py"],
+        cwd=folder, capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("Comparison(") == 2
+    return done.stdout
+
+
+def test_ten_lines_of_python(tmp_path):
+    assert script_of(README, "Ten lines of Python", tmp_path, 2).count("Comparison(") == 2
     assert (tmp_path / "bias.png").exists()
     assert (tmp_path / "bias.vtkhdf").stat().st_size > 10_000
+
+
+def test_checkpoint_from_python(tmp_path):
+    (tmp_path / "case.toml").write_text((DEMOS / "picture_frame.toml").read_text())
+    script_of(DEMOS.parent / "docs" / "restart.md", "From Python", tmp_path, 1)
+    assert (tmp_path / "results" / "mine" / "checkpoint" / "newest").is_dir()
