@@ -29,7 +29,10 @@ class Keeper(Protocol):
     increments: list[Increment]
 
     def restore(self, nodes: Nodes) -> Any:
-        """Where to go on: `states` and `asked` (controls, positions), `path` of Path's numbers."""
+        """Where to go on: `states` and `asked` (controls, positions), `path` of Path's numbers.
+
+        None without a past.
+        """
 
     def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
         """Keep what has been reached."""
@@ -184,10 +187,12 @@ def solve_finite(
     try:
         if keeper is not None:
             kept = keeper.restore(test.ply.nodes)
-            done += keeper.increments
-            states += [test.result_state(test.measured_anew(*asked)) for asked in kept.asked]
-            places = [test.at(*place) for place in kept.states]
-            path = Path(places, **kept.path)
+            if kept is None:
+                keeper.write(test.ply.nodes, path, done)
+            else:
+                done += keeper.increments
+                states += [test.result_state(test.measured_anew(*asked)) for asked in kept.asked]
+                path = Path([test.at(*place) for place in kept.states], **kept.path)
         follow(equilibrium, test.stage(), path, take)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
