@@ -24,7 +24,7 @@ import os
 import re
 import shlex
 import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -36,6 +36,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .. import __version__
 from ..case.schema import Case
+from ..equilibrium.follow import Path as StagePath
 from ..equilibrium.stages import Increment
 from ..errors import InputError
 from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
@@ -55,7 +56,7 @@ from .folder import (
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..equilibrium.follow import Path as StagePath
+    from ..equilibrium.state import State
     from ..net.nodes import Nodes
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
@@ -135,19 +136,24 @@ class _Head(BaseModel):
     format: Count
 
 
+class _Arrays(_Table):
+    """Shapes of what there is of a node."""
+
+    positions: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(max_length=2)]
+
+
 class _Manifest(_Table, _Head):
     """What there is in a folder."""
 
-    arrays: dict[str, Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=3)]]
+    arrays: _Arrays
     rows: Annotated[list[Count], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
     run: _Run | None  # not of a state asked for
 
 
-def _record(shapes: Mapping[str, Sequence[int]]) -> np.dtype:
+def _record(positions: Sequence[int]) -> np.dtype:
     """What a file holds of one node."""
-    arrays = [(name, "<f8", tuple(shape)) for name, shape in shapes.items()]
-    return np.dtype([("key", "<i8"), *arrays])
+    return np.dtype([("key", "<i8"), ("positions", "<f8", tuple(positions))])
 
 
 def _sealed(text: bytes) -> bytes:
@@ -224,7 +230,7 @@ class _Part:
         rows = (self.manifest.rows[rank],)
         with suppress(Exception):  # numpy's reader of headers has many for what it does not expect
             records = np.lib.format.open_memmap(path, mode="r")
-            if records.dtype == _record(self.manifest.arrays) and records.shape == rows:
+            if records.dtype == _record(self.manifest.arrays.positions) and records.shape == rows:
                 return records
         raise DamagedError(f'"{path}" is damaged: it does not hold what its manifest says')
 
@@ -236,13 +242,13 @@ class _Part:
             for rank, (begin, end) in enumerate(pairwise(ends))
             if begin < stop and first < end
         ]
-        return np.concatenate([np.empty(0, _record(self.manifest.arrays)), *share])
+        return np.concatenate([np.empty(0, _record(self.manifest.arrays.positions)), *share])
 
     def positions(self, nodes: Nodes, count: int) -> list[np.ndarray]:
         """``count`` positions (n_local, dim); InputError if they are of other nodes. Collective."""
         comm, dim = self.comm, nodes.rest.shape[1]
         n = nodes.num_nodes_global
-        if sum(self.manifest.rows) != n or self.manifest.arrays.get("positions") != [count, dim]:
+        if sum(self.manifest.rows) != n or self.manifest.arrays.positions != [count, dim]:
             raise InputError(f'"{self.folder}" is of another network; {ANEW}')
         share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
         records = on_all(comm, lambda: self._records(*share))
@@ -274,25 +280,6 @@ def _meeting(key: np.ndarray, size: int) -> np.ndarray:
 # -- the checkpoint --------------------------------------------------------------------------------
 
 
-@dataclass
-class Kept:
-    """What a test goes on from; positions are those of local nodes (n_local, dim), ghosts filled.
-
-    Attributes
-    ----------
-    states : list of (control, positions)
-        The last three at most.
-    path : dict
-        Of equilibrium.follow.Path all but its states.
-    asked : list of (control, positions)
-        The states asked for that were reached.
-    """
-
-    states: list[tuple[float, np.ndarray]]
-    path: dict[str, Any]
-    asked: list[tuple[float, np.ndarray]]
-
-
 class Checkpoint:
     """The checkpoint of one run. Make it with `begin` or `resume`; all methods are collective.
 
@@ -316,20 +303,11 @@ class Checkpoint:
 
     @classmethod
     def begin(cls, comm: MPI.Intracomm, directory: str | Path, case: Case) -> Checkpoint:
-        """Start without a past. A checkpoint that is there is put aside, not thrown away.
+        """Start without a past in a folder of results.
 
-        Parameters
-        ----------
-        comm : mpi4py communicator
-        directory : str or Path
-            The folder of the results.
-        case : Case
-
-        Raises
-        ------
-        InputError
-            On every rank: the folder cannot be made, another run is writing to it, or something
-            that is not the program's is in the way.
+        A checkpoint that is there is put aside, not thrown away. An InputError on every rank if the
+        folder cannot be made, if another run is writing to it, or if something that is not the
+        program's is in the way.
         """
         checkpoint = cls(comm, directory, case)
         folder, old = checkpoint.folder, checkpoint.directory / PUT_ASIDE
@@ -358,23 +336,12 @@ class Checkpoint:
     def resume(
         cls, comm: MPI.Intracomm, directory: str | Path, case: Case | None = None
     ) -> Checkpoint:
-        """Open the newest good checkpoint.
+        """Open the newest good checkpoint in a folder of results, on any number of ranks.
 
-        Parameters
-        ----------
-        comm : mpi4py communicator
-            Its size may differ from that of the run before.
-        directory : str or Path
-            The folder of the results.
-        case : Case, optional
-            Must be the one the checkpoint is of, but for its title, ``output``, ``continuum``,
-            ``solver`` and ``test.increments``. By default that one.
-
-        Raises
-        ------
-        InputError
-            On every rank: there is none, it is of another case or program, or it is damaged and
-            so is the one before it.
+        A case that is given must be the one the checkpoint is of, but for its title, ``output``,
+        ``continuum``, ``solver`` and ``test.increments``. An InputError on every rank if there is
+        no checkpoint, if it is of another case or program, or if it is damaged and so is the one
+        before it.
         """
         directory = Path(directory)
         problems: list[str] = []
@@ -413,18 +380,19 @@ class Checkpoint:
         self._source = part, run
         self.increments, self._states = run.increments, list(run.states)
 
-    def restore(self, nodes: Nodes) -> Kept | None:
-        """Positions of nodes to go on from; None without a past.
+    def restore(
+        self, nodes: Nodes, state_at: Callable[[float, np.ndarray], State]
+    ) -> tuple[StagePath, list[State]] | None:
+        """Where to go on, and the states asked for that were reached; None without a past.
 
-        Raises
-        ------
-        InputError
-            On every rank: a file is damaged, or is of another network.
+        ``state_at`` makes a state of a control and positions (n_local, dim). An InputError on every
+        rank if a file is damaged, or is of another network.
         """
         if self._source is None:
             return None
         part, run = self._source
-        positions = part.positions(nodes, len(run.controls))
+        states = map(state_at, run.controls, part.positions(nodes, len(run.controls)))
+        path = StagePath(list(states), **run.path.model_dump())
         asked = []
         reached = [increment.control for increment in self.increments if increment.asked]
         for number, (seal, control) in enumerate(zip(self._states, reached, strict=True), 1):
@@ -434,23 +402,14 @@ class Checkpoint:
                 raise InputError(f"{error}; {ANEW}") from None
             if part.seal != seal:
                 raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
-            asked.append((control, part.positions(nodes, 1)[0]))
-        return Kept([*zip(run.controls, positions, strict=True)], run.path.model_dump(), asked)
+            asked.append(state_at(control, part.positions(nodes, 1)[0]))
+        return path, asked
 
     def write(self, nodes: Nodes, path: StagePath, increments: list[Increment]) -> None:
-        """Keep what has been reached.
+        """Keep what has been reached by all increments that were accepted.
 
-        Parameters
-        ----------
-        nodes : Nodes
-        path : equilibrium.follow.Path
-        increments : list of Increment
-            All that were accepted, the last of which is where the path has got to.
-
-        Raises
-        ------
-        InputError
-            On every rank: the place cannot be written to. The last good checkpoint is still there.
+        An InputError on every rank if the place cannot be written to; the last good checkpoint is
+        still there then.
         """
         asked = sum(bool(increment.asked) for increment in increments)
         if asked > len(self._states):
@@ -469,10 +428,9 @@ class Checkpoint:
     def _put(self, nodes: Nodes, name: str, positions: list[np.ndarray], run: dict | None) -> str:
         """Write a folder and give it its name; returns the checksum of its manifest."""
         comm, own = self.comm, nodes.num_nodes_owned
-        shapes = {"positions": (len(positions), nodes.rest.shape[1])}
-        records = np.empty(own, _record(shapes))
-        records["key"] = nodes.node_key[:own]
-        records["positions"] = np.stack([x[:own] for x in positions], axis=1)
+        x = np.stack([x[:own] for x in positions], axis=1)
+        records = np.empty(own, _record(x.shape[1:]))
+        records["key"], records["positions"] = nodes.node_key[:own], x
         data = io.BytesIO()
         np.save(data, records, allow_pickle=False)
         new = self.folder / comm.bcast(f"new-{os.getpid()}")
@@ -493,8 +451,8 @@ class Checkpoint:
         def finish() -> str:
             rows, hashes = zip(*files, strict=True)
             manifest = {
-                "program": __version__, "format": FORMAT, "arrays": shapes, "rows": rows,
-                "hashes": hashes, "run": run,
+                "program": __version__, "format": FORMAT, "arrays": {"positions": x.shape[1:]},
+                "rows": rows, "hashes": hashes, "run": run,
             }  # fmt: skip
             plain = np.generic.tolist  # numpy's numbers as Python's
             text = json.dumps(manifest, separators=(",", ":"), default=plain)
@@ -540,18 +498,8 @@ def reopen(
 ) -> Checkpoint:
     """Open what ``cruciform-petsc resume TARGET`` is to go on with. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    target : str or Path
-        The folder of the results, or the case file that tells it.
-    overrides, output
-        Of a case file, as for ``cruciform-petsc run``.
-
-    Raises
-    ------
-    InputError
-        On every rank: see `Checkpoint.resume`.
+    It is the folder of the results, or the case file that tells it, with overrides and output as
+    for ``cruciform-petsc run``. Errors are those of `Checkpoint.resume`.
     """
     case, directory = None, Path(target)
     exists, is_folder = on_root(comm, lambda: (directory.exists(), directory.is_dir()))
