@@ -20,7 +20,7 @@ from .calibration.curve import read_curve
 from .errors import InputError
 from .experiments.registry import KINDS, kind_class
 from .output import pictures
-from .output.folder import OF_COMPARISON, explaining, locked, prepare_directory
+from .output.folder import OF_COMPARISON, explaining, locked
 from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
@@ -295,8 +295,7 @@ def compare_command(
         kind_class(kind)  # declares its columns
     a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
     told, figures, lines = compare(a, b)
-    folder = prepare_directory(comm, directory)
-    with locked(comm, folder, OF_COMPARISON, log):
+    with locked(comm, directory, OF_COMPARISON, log) as folder:
         log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
         log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
         log.info("A less B, loads and energies relative to B, angles in degrees:")

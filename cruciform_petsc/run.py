@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -112,27 +113,26 @@ def _make_network(
     return network, statistics
 
 
+@dataclass
 class _Run:
     """A case on the way to its results; all methods are collective."""
 
-    def __init__(
-        self,
-        comm: MPI.Intracomm,
-        case: Case,
-        directory: Path,
-        log: logging.Logger,
-        checkpoint: Checkpoint | None,
-    ):
-        self.comm, self.case, self.directory, self.log = comm, case, directory, log
-        self.checkpoint = checkpoint
-        self.stages = Stages(log)
-        self.summary: dict[str, Any] = {}
-        self.failure: SolverError | None = None
+    comm: MPI.Intracomm
+    case: Case
+    directory: Path
+    log: logging.Logger
+    checkpoint: Checkpoint | None
+    measured: MeasuredCurve | None = None
+    summary: dict[str, Any] = field(default_factory=dict)
+    failure: SolverError | None = None
+
+    def __post_init__(self) -> None:
+        self.stages = Stages(self.log)
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
         case, log = self.case, self.log
-        measured = _check_comparison(self.comm, case)
+        self.measured = _check_comparison(self.comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, self.comm.size)
         network, statistics = _make_network(self.comm, case, self.stages)
@@ -154,10 +154,10 @@ class _Run:
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)
         with self.stages.stage("write", "results written"), self._telling_how_to_resume():
-            self._write_files(result, measured)
+            self._write_files(result)
         without = self._solve_without_bending(result)
         membranes = self._compare_with_membranes(result, without)
-        drawn = self._draw(result, without, membranes, measured)
+        drawn = self._draw(result, without, membranes)
         self._write_summary()
         if case.output.wants_report:
             write_report(self.directory, case, result, summary, drawn)
@@ -213,7 +213,7 @@ class _Run:
     def _write_csv(self, name: str, columns: Mapping[str, Any]) -> None:
         tables.write_csv(self.comm, self.directory / name, columns)
 
-    def _write_files(self, result: TestResult, measured: MeasuredCurve | None) -> None:
+    def _write_files(self, result: TestResult) -> None:
         """Tables and files for other programs."""
         output, directory = self.case.output, self.directory
         self._write_csv("curve.csv", result.curve())
@@ -231,8 +231,8 @@ class _Run:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)
-        if measured is not None:
-            compared = against_measured(load_line(result), measured)
+        if self.measured is not None:
+            compared = against_measured(load_line(result), self.measured)
             self.summary["measured"] = {"file": output.measured, **compared}
             keys = ("displacement_mm", "measured_n", "load_n")
             columns = {key.replace("_n", "_N"): compared[key] for key in keys}
@@ -306,19 +306,13 @@ class _Run:
             self.summary["continuum"]["ladder"] = rungs
             self._write_csv("ladder.csv", {key: [rung[key] for rung in rungs] for key in rungs[0]})
 
-    def _draw(
-        self,
-        result: TestResult,
-        without: TestResult | None,
-        membranes: list,
-        measured: MeasuredCurve | None,
-    ) -> list[str]:
+    def _draw(self, result: TestResult, without: TestResult | None, membranes: list) -> list[str]:
         """Draw the pictures that are asked for; returns their names."""
         output, directory, drawn = self.case.output, self.directory, []
         if output.pictures:
             with self.stages.stage("pictures", "pictures drawn"):
                 drawn = figures.draw_all(
-                    directory, result, without, membranes, self.summary, measured
+                    directory, result, without, membranes, self.summary, self.measured
                 )
         if output.scene:
             with self.stages.stage("scene", "yarns drawn in space"):

@@ -224,6 +224,13 @@ class _Part:
         on_all(comm, check)
         return part
 
+    @property
+    def run(self) -> _Run:
+        """What it takes to go on; a DamagedError if it is a state asked for."""
+        if self.manifest.run is None:
+            raise _senseless(self.folder)
+        return self.manifest.run
+
     def _nodes_of(self, rank: int) -> np.ndarray:
         """Records of a rank's nodes, which stay on the disk."""
         path = self.folder / f"rank-{rank}.npy"
@@ -297,7 +304,7 @@ class Checkpoint:
         self.folder = self.directory / CHECKPOINT
         self.increments: list[Increment] = []
         self.notes: list[str] = []
-        self._source: tuple[_Part, _Run] | None = None  # what to go on from
+        self._source: _Part | None = None  # what to go on from
         self._states: list[str] = []  # checksums of the states asked for
         self._newest_is_good = False
 
@@ -364,9 +371,7 @@ class Checkpoint:
 
     def _adopt(self, part: _Part) -> None:
         """Take over what a manifest says, if it is of this case."""
-        run = part.manifest.run
-        if run is None:
-            raise _senseless(part.folder)
+        run = part.run
         differing = _differences(run.determines, determines(self.case))
         shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
         if differing and shown.isprintable():
@@ -377,7 +382,7 @@ class Checkpoint:
             )
         if differing or not run.is_way_through(self.case):
             raise _senseless(part.folder)
-        self._source = part, run
+        self._source = part
         self.increments, self._states = run.increments, list(run.states)
 
     def restore(
@@ -390,7 +395,7 @@ class Checkpoint:
         """
         if self._source is None:
             return None
-        part, run = self._source
+        part, run = self._source, self._source.run
         states = map(state_at, run.controls, part.positions(nodes, len(run.controls)))
         path = StagePath(list(states), **run.path.model_dump())
         asked = []
@@ -576,8 +581,8 @@ def _differences(one: Any, other: Any, name: str = "") -> list[str]:
 
 def _case_of(part: _Part) -> Case:
     try:
-        return Case.from_data(part.manifest.run.case)  # type: ignore[union-attr]
-    except (AttributeError, InputError):
+        return Case.from_data(part.run.case)
+    except InputError:
         raise _senseless(part.folder) from None
 
 

@@ -247,7 +247,7 @@ def unlock_directory(directory: Path) -> None:
 @contextmanager
 def locked(
     comm: MPI.Intracomm, directory: str | Path, names: tuple[str, ...], log: logging.Logger
-) -> Iterator[None]:
+) -> Iterator[Path]:
     """Have a folder, made if need be, for one command while the block runs. Collective.
 
     An InputError on every rank if it cannot be used, if another run is writing to it, or if
@@ -268,6 +268,6 @@ def locked(
         warning = on_root(comm, lock)
         if warning:
             log.warning("warning       %s", warning)
-        yield
+        yield folder
     finally:  # on rank 0, wherever the others are
         unlock_directory(folder)
