@@ -57,18 +57,9 @@ def run_case(
 ) -> dict:
     """Run a case and write its results into a folder. Collective; returns the summary.
 
-    A finite test keeps a checkpoint until all results are there. A test that ends early, or a
-    membrane that cannot be solved, raises its SolverError on every rank after all that was reached
-    is on disk.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    case : Case
-    directory : Path
-    log : logging.Logger
-    checkpoint : Checkpoint, optional
-        To go on from; by default the test begins at rest.
+    A finite test begins at rest or goes on from a checkpoint, and keeps one until all results are
+    there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
+    every rank after all that was reached is on disk.
     """
     with locked(comm, directory, OF_RUN, log):
         return _Run(comm, case, directory, log, checkpoint).run()

@@ -184,7 +184,6 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
     """
     if not str(path):
         raise InputError("--output must be a name that is not empty, got ''")
-
     folder = Path(path)
 
     @explaining(f'output folder "{folder}" cannot be written', also=ValueError)  # a null byte
@@ -195,7 +194,7 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
             raise InputError(
                 f'output folder "{folder}" cannot be made because a file is in its way'
             ) from None
-        tempfile.TemporaryFile(dir=folder).close()
+        tempfile.NamedTemporaryFile(dir=folder, prefix=".cruciform-petsc-").close()
 
     on_root(comm, prepare)
     return folder

@@ -98,25 +98,19 @@ class Progress:
         )
 
     def _write(self) -> None:
-        table = increments_table(self.experiment, self.increments)
-        write_csv(self.experiment.network.comm, self.path, table)
-
-
-def increments_table(
-    experiment: Experiment, increments: Sequence[Increment]
-) -> dict[str, np.ndarray | list]:
-    """Columns of all accepted increments, with units in their names; (n,) each."""
-    control = experiment.column
-    columns: dict[str, np.ndarray | list] = {
-        control.column: np.array([increment.control for increment in increments]) / control.scale,
-        LOAD.column: [increment.load for increment in increments],
-        "shear_max_deg": np.rad2deg([increment.shear_max for increment in increments]),
-    }
-    for mode in MODES:
-        columns[f"energy_{mode}_J"] = [increment.energies[mode] for increment in increments]
-    for name, attribute in EFFORT.items():
-        columns[name] = [getattr(increment, attribute) for increment in increments]
-    return columns | {"asked": np.array(columns["asked"], int)}
+        """Write the table of all accepted increments."""
+        control, steps = self.experiment.column, self.increments
+        columns: dict[str, Any] = {
+            control.column: np.array([step.control for step in steps]) / control.scale,
+            LOAD.column: [step.load for step in steps],
+            "shear_max_deg": np.rad2deg([step.shear_max for step in steps]),
+        }
+        for mode in MODES:
+            columns[f"energy_{mode}_J"] = [step.energies[mode] for step in steps]
+        for name, attribute in EFFORT.items():
+            columns[name] = [getattr(step, attribute) for step in steps]
+        columns["asked"] = np.array(columns["asked"], int)
+        write_csv(self.experiment.network.comm, self.path, columns)
 
 
 class Route:

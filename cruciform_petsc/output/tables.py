@@ -85,13 +85,8 @@ def written_by_all(
     """Give what writes to a file of all ranks; it gets its name when the block ends well.
 
     Collective, as is what the block gets: to be called with a function of the temporary file, or
-    with None on ranks that have nothing to write.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to, or a function raised an OSError or a
-        RuntimeError on one of them. Nothing is left there then.
+    with None on ranks that have nothing to write. An OSError or a RuntimeError on any rank becomes
+    an InputError on all, and nothing is left there.
     """
     temporary = on_root(comm, lambda: _start(path))
 
