@@ -20,7 +20,7 @@ from .calibration.curve import read_curve
 from .errors import InputError
 from .experiments.registry import KINDS, kind_class
 from .output import pictures
-from .output.folder import OF_COMPARISON, locked, prepare_directory
+from .output.folder import OF_COMPARISON, explaining, locked
 from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
@@ -40,36 +40,20 @@ Line = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Difference:
-    """How far one curve is from another at some points.
-
-    Attributes
-    ----------
-    points : int
-    rms, end, largest : float
-        Root of the mean square, at the last point, and the largest in size with its sign:
-        (a - b)/b if ``relative``, else a - b.
-    largest_at : float
-        Where on the axis the largest is.
-    relative : bool
-    """
+    """How far one curve is from another at some points: (a - b)/b if relative, else a - b."""
 
     points: int
-    rms: float
-    end: float
-    largest: float
-    largest_at: float
+    rms: float  # root of the mean square
+    end: float  # at the last point
+    largest: float  # in size, with its sign
+    largest_at: float  # on the axis
     relative: bool
 
     def as_dict(self) -> dict[str, float | int]:
         """Plain numbers; names tell which are relative."""
         tail = "_relative" if self.relative else ""
-        return {
-            "points": self.points,
-            f"rms{tail}": self.rms,
-            f"end{tail}": self.end,
-            f"largest{tail}": self.largest,
-            "largest_at": self.largest_at,
-        }
+        sizes = {f"{key}{tail}": getattr(self, key) for key in ("rms", "end", "largest")}
+        return {"points": self.points, **sizes, "largest_at": self.largest_at}
 
     def text(self) -> str:
         """The figures for people."""
@@ -81,18 +65,10 @@ class Difference:
 
 
 def loading(x: np.ndarray, y: np.ndarray) -> Line:
-    """The loading branch of a curve, from the origin on: what lies beyond all before it.
+    """The loading branch of a curve (n,), from the origin on: what lies beyond all before it; (m,).
 
-    Parameters
-    ----------
-    x, y : float (n,)
-        In the order of the test; entries that are not finite are left out. x of one sign, else
-        the side of the largest in size.
-
-    Returns
-    -------
-    x, y : float (m,)
-        Ascending in size, with the origin in front.
+    Of points in the order of the test, those that are not finite are left out, as are those on the
+    other side than the largest x in size. The branch ascends in size.
     """
     good = np.isfinite(x) & np.isfinite(y)
     x, y = np.asarray(x, float)[good], np.asarray(y, float)[good]
@@ -124,42 +100,25 @@ def drawn(curve: Line) -> Line:
 
 
 def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Difference | None:
-    """Difference of two loading branches at some points.
+    """Difference of two loading branches (see `loading`) at some points (n,), relative to b.
 
-    Parameters
-    ----------
-    a, b : (x, y)
-        From `loading`; relative differences are relative to b.
-    at : float (n,)
-        Points; those beyond one of the curves, and at rest, do not count.
-    relative : bool
-
-    Returns
-    -------
-    Difference or None
-        None if no point is left.
+    Points beyond one of the curves, and at rest, do not count; None if no point is left.
     """
     if len(a[0]) < 2 or len(b[0]) < 2 or a[0][-1] * b[0][-1] <= 0.0:
         return None
     end = min(abs(a[0][-1]), abs(b[0][-1])) * (1 + 1e-9)
     at = np.unique(at[(at * b[0][-1] > 0.0) & (np.abs(at) <= end)])
     at = at[np.argsort(np.abs(at))]
-    mine, other = value_at(a, at), value_at(b, at)
+    other = value_at(b, at)
+    off = value_at(a, at) - other
     if relative:
         good = np.abs(other) > NOTHING * np.abs(b[1]).max()
-        at, mine, other = at[good], mine[good], other[good]
+        at, off = at[good], off[good] / other[good]
     if not at.size:
         return None
-    off = (mine - other) / other if relative else mine - other
+    rms = float(np.sqrt(np.mean(off**2)))
     i = int(np.abs(off).argmax())
-    return Difference(
-        len(at),
-        float(np.sqrt(np.mean(off**2))),
-        float(off[-1]),
-        float(off[i]),
-        float(at[i]),
-        relative,
-    )
+    return Difference(len(at), rms, float(off[-1]), float(off[i]), float(at[i]), relative)
 
 
 # -- a run and measured data -----------------------------------------------------------------------
@@ -181,27 +140,16 @@ def load_line(result: TestResult) -> Line:
 def against_measured(line: Line, measured: MeasuredCurve) -> dict[str, Any]:
     """Figures of a computed load (mm, N; see `load_line`) against a measured one, for a summary."""
     x, force = 1e3 * measured.displacement, measured.force
-    told: dict[str, Any] = {
+    end = line[0][-1]
+    load = value_at(line, np.minimum(x, max(end, 0.0))) if len(line[0]) > 1 else 0.0 * x
+    found = difference(line, loading(x, force), x)
+    return {
         "points_measured": len(x),
         "displacement_mm": x,
         "measured_n": force,
-        "load_n": np.where(x <= line[0][-1] * (1 + 1e-9), _within(line, x), np.nan),
+        "load_n": np.where(x <= end * (1 + 1e-9), load, np.nan),
+        **({"points": 0} if found is None else found.as_dict()),
     }
-    found = difference(line, loading(x, force), x)
-    return told | ({"points": 0} if found is None else found.as_dict())
-
-
-def _within(line: Line, at: np.ndarray) -> np.ndarray:
-    return value_at(line, np.minimum(at, max(line[0][-1], 0.0))) if len(line[0]) > 1 else 0.0 * at
-
-
-def check_measured(kind: str) -> None:
-    """Refuse to compare a kind of test that has no load over a displacement."""
-    if kind == "biaxial":
-        raise InputError(
-            "output.measured is a force over a displacement, which a biaxial test does not have, "
-            "leave it out"
-        )
 
 
 # -- two curves ------------------------------------------------------------------------------------
@@ -209,24 +157,13 @@ def check_measured(kind: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of the two that are compared.
-
-    Attributes
-    ----------
-    path, title : str
-    kind : str
-        Of test, or "measured".
-    columns : dict of float (n,)
-        At the values asked for, the control first; names carry the units.
-    path_columns : dict of float (m,)
-        The same at all increments, for columns that are known there.
-    """
+    """One of the two that are compared; names of columns carry the units."""
 
     path: str
     title: str
-    kind: str
-    columns: dict[str, np.ndarray]
-    path_columns: dict[str, np.ndarray]
+    kind: str  # of test, or "measured"
+    columns: dict[str, np.ndarray]  # at the values asked for (n,), the control first
+    path_columns: dict[str, np.ndarray]  # at all increments (m,), what is known there
 
     @property
     def is_measured(self) -> bool:
@@ -242,13 +179,7 @@ class Side:
 
 
 def read_side(path: str | Path) -> Side:
-    """Read a folder of results, or a CSV file of a measured curve.
-
-    Raises
-    ------
-    InputError
-        One sentence.
-    """
+    """Read a folder of results, or a CSV file of a measured curve."""
     path = Path(path)
     if not path.exists():
         raise InputError(
@@ -275,12 +206,13 @@ def read_side(path: str | Path) -> Side:
 def _table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file of ours; an empty field is NaN."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with (
+            explaining(f'"{path}" cannot be read'),
+            path.open(newline="", encoding="utf-8") as file,
+        ):
             header, *rows = list(csv.reader(file))
         values = np.array([[float(cell or "nan") for cell in row] for row in rows], float)
         values = values.reshape(len(rows), len(header))
-    except OSError as error:
-        raise InputError(f'"{path}" cannot be read: {error.strerror}') from None
     except ValueError:
         raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
     if not rows or "load_N" not in header:
@@ -291,11 +223,8 @@ def _table(path: Path) -> dict[str, np.ndarray]:
 def _with_energy(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """What can be compared: energies as their sum, and not how equilibrium was found."""
     parts = [value for name, value in columns.items() if name.startswith("energy_")]
-    compared = {
-        name: value
-        for name, value in columns.items()
-        if not name.startswith("energy_") and name not in EFFORT
-    }
+    left_out = ("energy_", *EFFORT)
+    compared = {name: value for name, value in columns.items() if not name.startswith(left_out)}
     return compared | ({"energy_J": np.sum(parts, axis=0)} if parts else {})
 
 
@@ -311,21 +240,10 @@ def _displacement(columns: Iterable[str], kind: str) -> Quantity:
 def compare(
     a: Side, b: Side
 ) -> tuple[dict[str, Any], dict[str, Difference], dict[str, tuple[Line, Line]]]:
-    """Differences of all columns that two have in common.
+    """Differences of all columns that two have in common; an InputError if there are none.
 
-    Returns
-    -------
-    told : dict
-        Plain data: what was compared, over what, and for each column the figures.
-    figures : dict of Difference
-        By column.
-    lines : dict of (line of a, line of b)
-        By column.
-
-    Raises
-    ------
-    InputError
-        They have nothing in common.
+    Returns what was compared, over what, and the figures as plain data; by column the differences;
+    and by column the lines of a and b.
     """
     sides = (a, b)
     exact = [side for side in sides if side.is_measured] or sides  # where they have values
@@ -377,8 +295,7 @@ def compare_command(
         kind_class(kind)  # declares its columns
     a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
     told, figures, lines = compare(a, b)
-    folder = prepare_directory(comm, directory)
-    with locked(comm, folder, OF_COMPARISON, log):
+    with locked(comm, directory, OF_COMPARISON, log) as folder:
         log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
         log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
         log.info("A less B, loads and energies relative to B, angles in degrees:")
@@ -408,6 +325,3 @@ def _labels(a: Side, b: Side) -> list[str]:
     if titles[0] == titles[1]:
         titles = [f"A: {titles[0]}", f"B: {titles[1]}"]
     return titles
-
-
-__all__ = ["Difference", "against_measured", "compare", "compare_command", "difference"]

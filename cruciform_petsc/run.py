@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,10 @@ from mpi4py import MPI
 
 from .calibration.curve import MeasuredCurve, read_curve
 from .case.schema import Case
-from .compare import against_measured, check_measured, load_line
+from .compare import against_measured, load_line
 from .continuum.compare import Reference
 from .errors import EquilibriumError, InputError, SolverError
+from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult
@@ -26,7 +28,7 @@ from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
 from .output.folder import OF_RUN, locked, remove_results
-from .output.log import Stages
+from .output.log import INDENT, Stages
 from .output.progress import Progress
 from .output.provenance import file_notes
 from .output.report import write_report
@@ -36,16 +38,14 @@ from .parallel import on_root
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
-    _check_comparison(case)
-    _read_measured(comm, case)
+    _check_comparison(comm, case)
     log.info("%s", case.title)
     network, _ = _make_network(comm, case, Stages(log))
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
-        log.info("           %d unknowns", per_node * network.num_nodes_global)
-    experiment = case.experiment(network)
-    for sentence in experiment.check():
-        log.info("           %s", sentence)
+        log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
+    for sentence in case.experiment(network).check():
+        log.info("%s%s", INDENT, sentence)
 
 
 def run_case(
@@ -57,105 +57,37 @@ def run_case(
 ) -> dict:
     """Run a case and write its results into a folder. Collective; returns the summary.
 
-    A finite test keeps a checkpoint until all results are there. A test that ends early, or a
-    membrane that cannot be solved, raises its SolverError on every rank after all that was reached
-    is on disk.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    case : Case
-    directory : Path
-    log : logging.Logger
-    checkpoint : Checkpoint, optional
-        To go on from; by default the test begins at rest.
+    A finite test begins at rest or goes on from a checkpoint, and keeps one until all results are
+    there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
+    every rank after all that was reached is on disk.
     """
     with locked(comm, directory, OF_RUN, log):
-        return _run_case(comm, case, directory, log, checkpoint)
+        return _Run(comm, case, directory, log, checkpoint).run()
 
 
-def _run_case(
-    comm: MPI.Intracomm,
-    case: Case,
-    directory: Path,
-    log: logging.Logger,
-    checkpoint: Checkpoint | None,
-) -> dict:
-    _check_comparison(case)
-    measured = _read_measured(comm, case)
-    stages = Stages(log)
-    log.info("%s", case.title)
-    logs.tell_program(log, comm.size)
-    network, statistics = _make_network(comm, case, stages)
-    experiment = case.experiment(network)
-    progress = Progress(experiment, directory / "increments.csv", log)
-    checkpoint = _take_folder(comm, case, directory, log, checkpoint)
-    if checkpoint is not None:
-        progress.go_on_from(checkpoint.increments)
-        command = resume_command(directory, comm.size)
-        log.info("           if interrupted, continue with: %s", command)
-
-    failure: SolverError | None = None
-    size = "finite deformation" if case.test.finite else f"{experiment.model} model"
-    with stages.stage("solve", f"{case.test.kind}, {size}, solved"):
-        try:
-            with _telling_how_to_resume(checkpoint), progress.bar():
-                result = experiment.solve(progress, checkpoint)
-        except EquilibriumError as error:
-            failure, result = error, error.result
-    if failure is not None and result is None:
-        nothing = summarize_nothing(comm, case, str(failure), progress.increments)
-        _write_summary(comm, directory, nothing, stages)
-        raise failure
-    logs.tell_solver(log, result)
-    hanging = comm.allreduce(result.supports.num_hanging)
-    if hanging:
-        log.info("           %d crossovers hang on by one arm end and carry no load", hanging)
-
-    summary = summarize(case, result, statistics, hanging)
-    if checkpoint is not None and checkpoint.increments:
-        summary["resumed_after_increments"] = len(checkpoint.increments)
-    summary["warnings"] = warnings(result)
-    for sentence in summary["warnings"]:
-        log.warning("warning       %s", sentence)
-    if failure is not None:
-        summary["ended_early"] = str(failure)
-    with stages.stage("write", "results written"), _telling_how_to_resume(checkpoint):
-        _write_files(case, result, directory)
-        if measured is not None:
-            summary["measured"] = _compare_with_measured(case, result, measured, directory)
-    without = _solve_without_bending(case, stages, result, summary)
-
-    membranes: list = []
-    if failure is None and (case.continuum.compare or case.continuum.ladder):
-        try:
-            reference = _solve_reference(case, stages, result, without, summary, directory)
-            membranes = reference.membranes
-            _climb_ladder(case, stages, reference, summary, directory)
-        except SolverError as error:
-            failure = error
-            summary.setdefault("continuum", {})["failed"] = str(error)
-
-    drawn: list[str] = []
-    if case.output.pictures:
-        with stages.stage("pictures", "pictures drawn"):
-            drawn = figures.draw_all(directory, result, without, membranes, summary, measured)
-    if case.output.scene:
-        with stages.stage("scene", "yarns drawn in space"):
-            try:
-                figures.scene(result, directory / "scene.png", case.title)
-                drawn.append("scene.png")
-            except InputError as error:  # the results are worth more than this picture of them
-                log.warning("no scene.png: %s", error)
-    _write_summary(comm, directory, summary, stages)
-    if case.output.wants_report:
-        write_report(directory, case, result, summary, drawn)
-    logs.tell_outcome(log, summary, result, directory)
-    if failure is not None:
-        raise failure
-    if checkpoint is not None:
-        checkpoint.remove()
-    return summary
+def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
+    """Refuse what there is no membrane for, and read measured data, before hours of work."""
+    asked = [key for key in ("compare", "ladder") if getattr(case.continuum, key)]
+    kind = case.test.kind
+    compared = [name for name in KINDS if kind_class(name).reference]
+    if asked and kind not in compared:
+        raise InputError(
+            f'continuum.{asked[0]}: there is no membrane to compare test.kind = "{kind}" with '
+            f"(there is for {', '.join(compared)}), leave it out"
+        )
+    if asked and getattr(case.test, "ends", "grip") == "free":
+        raise InputError(
+            f'continuum.{asked[0]} needs gripped ends, leave it out or set test.ends = "grip"'
+        )
+    path = case.output.measured
+    if path is None:
+        return None
+    if kind == "biaxial":
+        raise InputError(
+            "output.measured is a force over a displacement, which a biaxial test does not have, "
+            "leave it out"
+        )
+    return on_root(comm, lambda: read_curve(path))
 
 
 def _make_network(
@@ -163,8 +95,8 @@ def _make_network(
 ) -> tuple[Network, Mapping[str, Any]]:
     """The network of a case and its sizes, told on the log. Collective."""
     fabric, preform = case.fabric(), case.preform()
-    stages.log.info("           %r", fabric)
-    stages.log.info("           %r", preform)
+    stages.log.info("%s%r", INDENT, fabric)
+    stages.log.info("%s%r", INDENT, preform)
     with stages.stage("network", "network"):
         network = Network(comm, preform, fabric)
         statistics = network.statistics()
@@ -172,162 +104,212 @@ def _make_network(
     return network, statistics
 
 
-def _take_folder(
-    comm: MPI.Intracomm,
-    case: Case,
-    directory: Path,
-    log: logging.Logger,
-    checkpoint: Checkpoint | None,
-) -> Checkpoint | None:
-    """Make the folder this run's alone; returns the checkpoint of a finite test. Collective."""
-    resumed = checkpoint is not None
-    if case.test.finite:
-        checkpoint = checkpoint or Checkpoint.begin(comm, directory, case)
-        for note in checkpoint.notes:
-            log.warning("warning       %s", note)
-    if not resumed:
-        replaced = remove_results(comm, directory)
-        if replaced:
-            log.info("           replaces the results of %s", replaced)
-    return checkpoint
+@dataclass
+class _Run:
+    """A case on the way to its results; all methods are collective."""
 
+    comm: MPI.Intracomm
+    case: Case
+    directory: Path
+    log: logging.Logger
+    checkpoint: Checkpoint | None
+    measured: MeasuredCurve | None = None
+    summary: dict[str, Any] = field(default_factory=dict)
+    failure: SolverError | None = None
 
-@contextmanager
-def _telling_how_to_resume(checkpoint: Checkpoint | None) -> Iterator[None]:
-    """Add it to a problem with files, a full disk mostly. Collective if there is one."""
-    try:
-        yield
-    except InputError as error:
-        if checkpoint is None or "cruciform-petsc resume" in str(error):
-            raise
-        told = checkpoint.hint()
-        raise InputError(f"{error}{'; ' if told else ''}{told}") from None
+    def __post_init__(self) -> None:
+        self.stages = Stages(self.log)
 
+    def run(self) -> dict[str, Any]:
+        """All that `run_case` does."""
+        case, log = self.case, self.log
+        self.measured = _check_comparison(self.comm, case)
+        log.info("%s", case.title)
+        logs.tell_program(log, self.comm.size)
+        network, statistics = _make_network(self.comm, case, self.stages)
+        experiment = case.experiment(network)
+        result = self._solve(experiment)
+        logs.tell_solver(log, result)
+        hanging = self.comm.allreduce(result.supports.num_hanging)
+        if hanging:
+            text = "%s%d crossovers hang on by one arm end and carry no load"
+            log.info(text, INDENT, hanging)
 
-def _solve_without_bending(
-    case: Case, stages: Stages, result: TestResult, summary: dict[str, Any]
-) -> TestResult | None:
-    """The last state of a small test without yarn bending, where that is compared. Collective."""
-    wanted = case.output.pictures or case.continuum.compare
-    comparable = result.experiment.has_zones and result.experiment.model == "coupled"
-    moved = result.extension != 0.0  # a list may end at rest
-    if case.test.finite or not (moved and case.test.bending and comparable and wanted):
-        return None
-    with stages.stage("solve_without_bending", "the same without yarn bending, to compare"):
-        extension = float(result.extension)
-        experiment = case.experiment(result.network, bending=False, controls=extension)
-        without = experiment.solve()
-    summary["without_bending"] = {
-        "load_n": without.load,
-        "shear_centre_deg": float(np.rad2deg(without.shear_angle_centre)),
-        "shear_max_deg": float(np.rad2deg(without.shear_angle_max)),
-    }
-    return without
+        summary = self.summary
+        summary |= summarize(case, result, statistics, hanging)
+        if self.checkpoint is not None and self.checkpoint.increments:
+            summary["resumed_after_increments"] = len(self.checkpoint.increments)
+        summary["warnings"] = warnings(result)
+        for sentence in summary["warnings"]:
+            log.warning("warning       %s", sentence)
+        if self.failure is not None:
+            summary["ended_early"] = str(self.failure)
+        with self.stages.stage("write", "results written"), self._telling_how_to_resume():
+            self._write_files(result)
+        without = self._solve_without_bending(result)
+        membranes = self._compare_with_membranes(result, without)
+        drawn = self._draw(result, without, membranes)
+        self._write_summary()
+        if case.output.wants_report:
+            write_report(self.directory, case, result, summary, drawn)
+        logs.tell_outcome(log, summary, result, self.directory)
+        if self.failure is not None:
+            raise self.failure
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
+        return summary
 
+    def _solve(self, experiment: Experiment) -> TestResult:
+        """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
+        case, log = self.case, self.log
+        progress = Progress(experiment, self.directory / "increments.csv", log)
+        resumed = self.checkpoint is not None
+        if case.test.finite:
+            self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
+            for note in self.checkpoint.notes:
+                log.warning("warning       %s", note)
+        if not resumed:
+            replaced = remove_results(self.comm, self.directory)
+            if replaced:
+                log.info("%sreplaces the results of %s", INDENT, replaced)
+        if self.checkpoint is not None:
+            progress.go_on_from(self.checkpoint.increments)
+            command = resume_command(self.directory, self.comm.size)
+            log.info("%sif interrupted, continue with: %s", INDENT, command)
+        size = "finite deformation" if case.test.finite else f"{experiment.model} model"
+        with self.stages.stage("solve", f"{case.test.kind}, {size}, solved"):
+            try:
+                with self._telling_how_to_resume(), progress.bar():
+                    return experiment.solve(progress, self.checkpoint)
+            except EquilibriumError as error:
+                self.failure = error
+        if self.failure.result is None:
+            reason = str(self.failure)
+            self.summary |= summarize_nothing(self.comm, case, reason, progress.increments)
+            self._write_summary()
+            raise self.failure
+        return self.failure.result
 
-def _check_comparison(case: Case) -> None:
-    """Refuse what no membrane is there to compare with."""
-    asked = [key for key in ("compare", "ladder") if getattr(case.continuum, key)]
-    if not asked:
-        return
-    kind = case.test.kind
-    compared = [name for name in KINDS if kind_class(name).reference]
-    if kind not in compared:
-        raise InputError(
-            f'continuum.{asked[0]}: there is no membrane to compare test.kind = "{kind}" with '
-            f"(there is for {', '.join(compared)}), leave it out"
-        )
-    if getattr(case.test, "ends", "grip") == "free":
-        raise InputError(
-            f'continuum.{asked[0]} needs gripped ends, leave it out or set test.ends = "grip"'
-        )
+    @contextmanager
+    def _telling_how_to_resume(self) -> Iterator[None]:
+        """Add it to a problem with files, a full disk mostly."""
+        try:
+            yield
+        except InputError as error:
+            if self.checkpoint is None or "cruciform-petsc resume" in str(error):
+                raise
+            hint = self.checkpoint.hint()
+            raise InputError(f"{error}{'; ' if hint else ''}{hint}") from None
 
+    def _write_csv(self, name: str, columns: Mapping[str, Any]) -> None:
+        tables.write_csv(self.comm, self.directory / name, columns)
 
-def _read_measured(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
-    """Read what was measured, before hours of work. Collective."""
-    path = case.output.measured
-    if path is None:
-        return None
-    check_measured(case.test.kind)
-    return on_root(comm, lambda: read_curve(path))
+    def _write_files(self, result: TestResult) -> None:
+        """Tables and files for other programs."""
+        output, directory = self.case.output, self.directory
+        self._write_csv("curve.csv", result.curve())
+        if result.experiment.has_zones:
+            line = result.centre_line()
+            columns = {
+                "distance_mm": 1e3 * line.distance,
+                "shear_angle_deg": np.rad2deg(line.shear_angle),
+            }
+            self._write_csv("centre_line.csv", columns)
+        if output.paraview:
+            notes = file_notes(result, self.case.model_dump())
+            paraview.write_state(directory / "network.vtkhdf", result, notes)
+            if len(result.states) > 1:
+                paraview.write_series(directory / "series.vtkhdf", result, notes)
+        if output.exports:
+            export(result, directory)
+        if self.measured is not None:
+            compared = against_measured(load_line(result), self.measured)
+            self.summary["measured"] = {"file": output.measured, **compared}
+            keys = ("displacement_mm", "measured_n", "load_n")
+            columns = {key.replace("_n", "_N"): compared[key] for key in keys}
+            self._write_csv("load_and_measured.csv", columns)
 
+    def _write_summary(self) -> None:
+        """Add times and memory, and write summary.json."""
+        self.summary["wall_s"] = self.stages.wall_times()
+        self.summary["peak_mib_per_rank"] = logs.peak_mib(self.comm)
+        tables.write_json(self.comm, self.directory / "summary.json", self.summary)
 
-def _compare_with_measured(
-    case: Case, result: TestResult, measured: MeasuredCurve, directory: Path
-) -> dict[str, Any]:
-    """Compare the load and write load_and_measured.csv; returns the summary's part. Collective."""
-    told = {"file": case.output.measured, **against_measured(load_line(result), measured)}
-    tables.write_csv(
-        result.network.comm,
-        directory / "load_and_measured.csv",
-        {
-            "displacement_mm": told["displacement_mm"],
-            "measured_N": told["measured_n"],
-            "load_N": told["load_n"],
-        },
-    )
-    return told
-
-
-def _write_files(case: Case, result: TestResult, directory: Path) -> None:
-    """Tables and files for other programs. Collective."""
-    comm = result.network.comm
-    tables.write_csv(comm, directory / "curve.csv", result.curve())
-    if result.experiment.has_zones:
-        line = result.centre_line()
-        columns = {
-            "distance_mm": 1e3 * line.distance,
-            "shear_angle_deg": np.rad2deg(line.shear_angle),
+    def _solve_without_bending(self, result: TestResult) -> TestResult | None:
+        """The last state of a small test without yarn bending, where that is compared."""
+        case = self.case
+        wanted = case.output.pictures or case.continuum.compare
+        comparable = result.experiment.has_zones and result.experiment.model == "coupled"
+        moved = result.extension != 0.0  # a list may end at rest
+        if case.test.finite or not (moved and case.test.bending and comparable and wanted):
+            return None
+        text = "the same without yarn bending, to compare"
+        with self.stages.stage("solve_without_bending", text):
+            extension = float(result.extension)
+            experiment = case.experiment(result.network, bending=False, controls=extension)
+            without = experiment.solve()
+        self.summary["without_bending"] = {
+            "load_n": without.load,
+            "shear_centre_deg": float(np.rad2deg(without.shear_angle_centre)),
+            "shear_max_deg": float(np.rad2deg(without.shear_angle_max)),
         }
-        tables.write_csv(comm, directory / "centre_line.csv", columns)
-    if case.output.paraview:
-        notes = file_notes(result, case.model_dump())
-        paraview.write_state(directory / "network.vtkhdf", result, notes)
-        if len(result.states) > 1:
-            paraview.write_series(directory / "series.vtkhdf", result, notes)
-    if case.output.exports:
-        export(result, directory)
+        return without
 
+    def _compare_with_membranes(self, result: TestResult, without: TestResult | None) -> list:
+        """Solve membranes beside a test that went well, where that is asked for; returns them."""
+        case = self.case
+        membranes: list = []
+        if self.failure is not None or not (case.continuum.compare or case.continuum.ladder):
+            return membranes
+        which = "dolfinx membrane"
+        if case.test.finite:
+            order = "second-gradient" if case.second_gradient else "hyperelastic"
+            which = f"{order} membrane in dolfinx"
+        try:
+            with self.stages.stage("continuum", f"{which} solved and compared"):
+                size = case.continuum.mesh_size_si
+                reference = Reference.solve(result, size, case.second_gradient)
+                self.summary["continuum"] = reference.summary(without)
+                table = reference.table()
+                if table:
+                    self._write_csv("continuum.csv", table)
+            membranes = reference.membranes
+            self._climb_ladder(reference)
+        except SolverError as error:
+            self.failure = error
+            self.summary.setdefault("continuum", {})["failed"] = str(error)
+        return membranes
 
-def _write_summary(
-    comm: MPI.Intracomm, directory: Path, summary: dict[str, Any], stages: Stages
-) -> None:
-    """Add times and memory, and write summary.json. Collective."""
-    summary["wall_s"] = stages.wall_times()
-    summary["peak_mib_per_rank"] = logs.peak_mib(comm)
-    tables.write_json(comm, directory / "summary.json", summary)
+    def _climb_ladder(self, reference: Reference) -> None:
+        """Compare networks of the same fabric, finer and finer, with one membrane.
 
+        With yarn bending only where the membrane has it, so that the difference can vanish.
+        """
+        case, result = self.case, reference.result
+        controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
+        rungs = []
+        for refine in case.continuum.ladder or ():
+            with self.stages.stage("ladder", f"refine = {refine} compared with the membrane"):
+                network = Network(self.comm, case.preform(refine=refine), case.fabric())
+                finer = case.experiment(network, bending=case.second_gradient, controls=controls)
+                rungs.append({"refine": refine} | reference.rung(finer))
+        if rungs:
+            self.summary["continuum"]["ladder"] = rungs
+            self._write_csv("ladder.csv", {key: [rung[key] for rung in rungs] for key in rungs[0]})
 
-def _solve_reference(case: Case, stages: Stages, result, without, summary, directory) -> Reference:
-    """Solve the membranes beside a test and compare. Collective."""
-    which = "dolfinx membrane"
-    if case.test.finite:
-        order = "second-gradient" if case.second_gradient else "hyperelastic"
-        which = f"{order} membrane in dolfinx"
-    with stages.stage("continuum", f"{which} solved and compared"):
-        reference = Reference.solve(result, case.continuum.mesh_size_si, case.second_gradient)
-        summary["continuum"] = reference.summary(without)
-        table = reference.table()
-        if table:
-            tables.write_csv(result.network.comm, directory / "continuum.csv", table)
-    return reference
-
-
-def _climb_ladder(case: Case, stages: Stages, reference: Reference, summary, directory) -> None:
-    """Compare networks of the same fabric, finer and finer, with one membrane. Collective.
-
-    With yarn bending only where the membrane has it, so that the difference can vanish.
-    """
-    result = reference.result
-    comm = result.network.comm
-    controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
-    rungs = []
-    for refine in case.continuum.ladder or ():
-        with stages.stage("ladder", f"refine = {refine} compared with the membrane"):
-            network = Network(comm, case.preform(refine=refine), case.fabric())
-            finer = case.experiment(network, bending=case.second_gradient, controls=controls)
-            rungs.append({"refine": refine} | reference.rung(finer))
-    if rungs:
-        summary["continuum"]["ladder"] = rungs
-        columns = {key: [rung[key] for rung in rungs] for key in rungs[0]}
-        tables.write_csv(comm, directory / "ladder.csv", columns)
+    def _draw(self, result: TestResult, without: TestResult | None, membranes: list) -> list[str]:
+        """Draw the pictures that are asked for; returns their names."""
+        output, directory, drawn = self.case.output, self.directory, []
+        if output.pictures:
+            with self.stages.stage("pictures", "pictures drawn"):
+                drawn = figures.draw_all(
+                    directory, result, without, membranes, self.summary, self.measured
+                )
+        if output.scene:
+            with self.stages.stage("scene", "yarns drawn in space"):
+                try:
+                    figures.scene(result, directory / "scene.png", self.case.title)
+                    drawn.append("scene.png")
+                except InputError as error:  # the results are worth more than a picture of them
+                    self.log.warning("no scene.png: %s", error)
+        return drawn

@@ -28,8 +28,13 @@ class Keeper(Protocol):
 
     increments: list[Increment]
 
-    def restore(self, nodes: Nodes) -> Any:
-        """Where to go on: `states` and `asked` (controls, positions), `path` of Path's numbers."""
+    def restore(
+        self, nodes: Nodes, state_at: Callable[[float, np.ndarray], State]
+    ) -> tuple[Path, list[State]] | None:
+        """Where to go on, and the states asked for that were reached; None without a past.
+
+        ``state_at`` makes a state of a control and positions.
+        """
 
     def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
         """Keep what has been reached."""
@@ -139,9 +144,8 @@ class FiniteTest:
             dict(step.forces),
         )
 
-    def measured_anew(self, control: float, x: np.ndarray) -> Step:
-        """A step of an earlier run from its positions. Collective."""
-        state = self.at(control, x)
+    def measured_anew(self, state: State) -> Step:
+        """A step of an earlier run from its state. Collective."""
         force, _, energies = self.model.force(state)
         found = Found(state, energies, force, 0, 0.0, 0.0, [], 0, 0, 0.0)  # not solved again
         return Step.of([found], self.measure(found), True, 0)
@@ -183,11 +187,13 @@ def solve_finite(
 
     try:
         if keeper is not None:
-            kept = keeper.restore(test.ply.nodes)
-            done += keeper.increments
-            states += [test.result_state(test.measured_anew(*asked)) for asked in kept.asked]
-            places = [test.at(*place) for place in kept.states]
-            path = Path(places, **kept.path)
+            kept = keeper.restore(test.ply.nodes, test.at)
+            if kept is None:
+                keeper.write(test.ply.nodes, path, done)
+            else:
+                path, asked = kept
+                done += keeper.increments
+                states += [test.result_state(test.measured_anew(state)) for state in asked]
         follow(equilibrium, test.stage(), path, take)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.

@@ -15,8 +15,8 @@ import numpy as np
 
 from .. import __version__
 from ..experiments.result import ZONES
-from .ordered import lines
 from .provenance import commit
+from .tables import lines
 
 if TYPE_CHECKING:
     from ..experiments.result import TestResult

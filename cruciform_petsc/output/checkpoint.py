@@ -7,9 +7,9 @@ In the folder ``checkpoint`` of the results lie the folders
   on: the case, the histories of all increments, and positions of the last three states;
 - ``state-N``: positions of the N-th state that was asked for, which the results need.
 
-In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and named
-arrays, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder gets
-its name when all this is on the disk and has been read back. A key is a place on a yarn
+In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and
+positions, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
+gets its name when all this is on the disk and has been read back. A key is a place on a yarn
 (`net.keys`), whatever the ranks are: those that go on read equal shares of the records, and send
 them to the ranks that own these places now. No rank ever holds all.
 """
@@ -24,10 +24,9 @@ import os
 import re
 import shlex
 import stat
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -37,6 +36,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from .. import __version__
 from ..case.schema import Case
+from ..equilibrium.follow import Path as StagePath
 from ..equilibrium.stages import Increment
 from ..errors import InputError
 from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
@@ -44,6 +44,7 @@ from .folder import (
     CHECKPOINT,
     PUT_ASIDE,
     claim,
+    explaining,
     foreign,
     lock_directory,
     open_regular,
@@ -55,7 +56,7 @@ from .folder import (
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from ..equilibrium.follow import Path as StagePath
+    from ..equilibrium.state import State
     from ..net.nodes import Nodes
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
@@ -68,18 +69,22 @@ class DamagedError(InputError):
     """A checkpoint is not what was written."""
 
 
+def _senseless(folder: Path) -> DamagedError:
+    return DamagedError(f'"{folder}" is damaged: its manifest makes no sense')
+
+
 # -- what a manifest says --------------------------------------------------------------------------
 
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, lt=2**53)]
 Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class _Path(_Table):
-    """Where the continuation has got to, but for positions; see `Kept`."""
+    """See equilibrium.follow.Path."""
 
     target: Count
     allowed: float | None
@@ -91,27 +96,64 @@ class _Run(_Table):
 
     case: dict[str, Any]
     determines: dict[str, Any]
-    increments: list[dict[str, Any]]
+    increments: list[Increment]
     controls: Annotated[list[float], Field(min_length=1, max_length=3)]  # of the positions
     path: _Path
     states: list[Hash]  # of the manifests of states asked for
 
+    def is_way_through(self, case: Case) -> bool:
+        """Whether increments lead through the values asked for to where the path is."""
+        values = case.test.values_si
+        by_load = case.test.control == "load" != next(iter(case.test.controls))
+        before, asked = 0.0, 0
+        for increment in self.increments:
+            if asked == len(values) or not increment.iterations < 2**53:
+                return False
+            value, control = values[asked], increment.control
+            if not (by_load or min(before, value) <= control <= max(before, value)):
+                return False
+            reached = increment.load if by_load else control
+            if increment.asked and abs(reached - value) > 1e-6 * max(map(abs, values)):
+                return False
+            asked, before = asked + increment.asked, control
+        controls = [increment.control for increment in self.increments]
+        largest = max(map(abs, controls), default=math.inf)
+        allowed = self.path.allowed
+        return (
+            self.path.target == asked == len(self.states)
+            and self.controls[-1] == before
+            and (by_load or {0.0, *controls}.issuperset(self.controls))
+            and len(set(self.controls)) == len(self.controls)
+            and (allowed is None or allowed > 1e-12 * largest)
+        )
 
-class _Manifest(_Table):
+
+class _Head(BaseModel):
+    """What a manifest of any format says."""
+
+    model_config = ConfigDict(strict=True)
+    program: Annotated[str, Field(pattern="^[ -~]{1,20}$")]
+    format: Count
+
+
+class _Arrays(_Table):
+    """Shapes of what there is of a node."""
+
+    positions: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(max_length=2)]
+
+
+class _Manifest(_Table, _Head):
     """What there is in a folder."""
 
-    program: str
-    format: int
-    arrays: dict[str, Annotated[list[Annotated[int, Field(ge=1, le=100)]], Field(max_length=3)]]
+    arrays: _Arrays
     rows: Annotated[list[Count], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
     run: _Run | None  # not of a state asked for
 
 
-def _record(shapes: Mapping[str, Sequence[int]]) -> np.dtype:
+def _record(positions: Sequence[int]) -> np.dtype:
     """What a file holds of one node."""
-    arrays = [(name, "<f8", tuple(shape)) for name, shape in shapes.items()]
-    return np.dtype([("key", "<i8"), *arrays])
+    return np.dtype([("key", "<i8"), ("positions", "<f8", tuple(positions))])
 
 
 def _sealed(text: bytes) -> bytes:
@@ -133,102 +175,113 @@ def _read_manifest(folder: Path) -> tuple[_Manifest, str]:
     if _sealed(body) != text:
         raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
     try:
-        data = json.loads(body)
-        program, number = str(data["program"]), int(data["format"])
-        if not (_is_bounded(data) and program.isprintable()):
-            raise ValueError
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
-        raise _senseless(folder) from None
-    if (program, number) != (__version__, FORMAT):
-        raise InputError(
-            f'"{folder}" was written by cruciform_petsc {program:.20} in format {number}, and this '
-            f"is {__version__}, which reads format {FORMAT}: resume with the version that wrote "
-            f"it, or {ANEW}"
-        )
-    try:
-        manifest = _Manifest.model_validate(data)
-        if len(manifest.rows) != len(manifest.hashes) or len(manifest.arrays) > 100:
-            raise ValueError
+        head = _Head.model_validate_json(body)
+        if (head.program, head.format) != (__version__, FORMAT):
+            raise InputError(
+                f'"{folder}" was written by cruciform_petsc {head.program} in format '
+                f"{head.format}, and this is {__version__}, which reads format {FORMAT}: resume "
+                f"with the version that wrote it, or {ANEW}"
+            )
+        manifest = _Manifest.model_validate_json(body)
     except ValueError:
         raise _senseless(folder) from None
+    if len(manifest.rows) != len(manifest.hashes):
+        raise _senseless(folder)
     return manifest, hashlib.sha256(text).hexdigest()
 
 
-def _is_bounded(value: Any, depth: int = 0) -> bool:
-    """Whether nothing in JSON is too deep, not finite, too large a number, or an odd name."""
-    if isinstance(value, dict | list):
-        inner = value.values() if isinstance(value, dict) else value
-        names = all(name.isprintable() for name in value) if isinstance(value, dict) else True
-        return names and depth < 100 and all(_is_bounded(item, depth + 1) for item in inner)
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return not isinstance(value, int) or abs(value) < 2**53
+# -- a folder that is read -------------------------------------------------------------------------
 
 
-def _senseless(folder: Path) -> DamagedError:
-    return DamagedError(f'"{folder}" is damaged: its manifest makes no sense')
+@dataclass(frozen=True)
+class _Part:
+    """A folder of which the manifest and all files have been checked."""
+
+    comm: MPI.Intracomm
+    folder: Path
+    manifest: _Manifest
+    seal: str  # checksum of the manifest
+
+    @classmethod
+    def open(cls, comm: MPI.Intracomm, folder: Path) -> _Part:
+        """Check it; a DamagedError on every rank if it is not what was written. Collective."""
+
+        @explaining(f'"{folder / MANIFEST}" cannot be read', DamagedError)
+        def read() -> tuple[_Manifest, str]:
+            return _read_manifest(folder)
+
+        def check() -> None:
+            for rank in range(comm.rank, len(part.manifest.hashes), comm.size):
+                path = folder / f"rank-{rank}.npy"
+                with explaining(f'"{path}" cannot be read', DamagedError), open_regular(path) as f:
+                    if hashlib.file_digest(f, "sha256").hexdigest() != part.manifest.hashes[rank]:
+                        raise DamagedError(
+                            f'"{path}" is damaged: its bytes do not match its checksum'
+                        )
+                part._nodes_of(rank)
+
+        part = cls(comm, folder, *on_root(comm, read))
+        on_all(comm, check)
+        return part
+
+    @property
+    def run(self) -> _Run:
+        """What it takes to go on; a DamagedError if it is a state asked for."""
+        if self.manifest.run is None:
+            raise _senseless(self.folder)
+        return self.manifest.run
+
+    def _nodes_of(self, rank: int) -> np.ndarray:
+        """Records of a rank's nodes, which stay on the disk."""
+        path = self.folder / f"rank-{rank}.npy"
+        rows = (self.manifest.rows[rank],)
+        with suppress(Exception):  # numpy's reader of headers has many for what it does not expect
+            records = np.lib.format.open_memmap(path, mode="r")
+            if records.dtype == _record(self.manifest.arrays.positions) and records.shape == rows:
+                return records
+        raise DamagedError(f'"{path}" is damaged: it does not hold what its manifest says')
+
+    def _records(self, first: int, stop: int) -> np.ndarray:
+        """Records first ... stop - 1 of those in all the files, one after the other."""
+        ends = np.cumsum([0, *self.manifest.rows])
+        share = [
+            self._nodes_of(rank)[max(first - begin, 0) : max(stop - begin, 0)]
+            for rank, (begin, end) in enumerate(pairwise(ends))
+            if begin < stop and first < end
+        ]
+        return np.concatenate([np.empty(0, _record(self.manifest.arrays.positions)), *share])
+
+    def positions(self, nodes: Nodes, count: int) -> list[np.ndarray]:
+        """``count`` positions (n_local, dim); InputError if they are of other nodes. Collective."""
+        comm, dim = self.comm, nodes.rest.shape[1]
+        n = nodes.num_nodes_global
+        if sum(self.manifest.rows) != n or self.manifest.arrays.positions != [count, dim]:
+            raise InputError(f'"{self.folder}" is of another network; {ANEW}')
+        share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
+        records = on_all(comm, lambda: self._records(*share))
+        own = nodes.node_key[: nodes.num_nodes_owned]
+        # Keys meet on ranks that follow from nothing but the key.
+        key, x = send_by_rank(
+            comm, _meeting(records["key"], comm.size), records["key"], records["positions"]
+        )
+        order = np.argsort(key)
+
+        def answer(wanted: np.ndarray) -> np.ndarray:
+            row = find_sorted(key[order], wanted)
+            return np.where(row[:, None, None] < 0, np.nan, x[order][row])
+
+        found = ask(comm, _meeting(own, comm.size), own, answer)
+        if not all(comm.allgather(bool(np.isfinite(found).all()))):
+            raise InputError(f'"{self.folder}" is of another network, or holds no numbers; {ANEW}')
+        local = np.zeros((count, nodes.num_nodes_local, dim))
+        local[:, : len(own)] = found.swapaxes(0, 1)
+        return [nodes.halo.forward(x) for x in local]
 
 
-# -- increments and the way they went --------------------------------------------------------------
-
-
-@dataclass
-class Kept:
-    """What a test goes on from; positions are those of local nodes (n_local, dim), ghosts filled.
-
-    Attributes
-    ----------
-    states : list of (control, positions)
-        The last three at most.
-    path : dict
-        ``target``, the number of the value asked for that is being made for; ``allowed``, the
-        largest step (None: the usual one); ``load``, the one reached, N, where loads are asked for.
-    asked : list of (control, positions)
-        The states asked for that were reached.
-    """
-
-    states: list[tuple[float, np.ndarray]]
-    path: dict[str, Any]
-    asked: list[tuple[float, np.ndarray]]
-
-
-def _plain(increment: Increment) -> dict[str, Any]:
-    return {name: np.asarray(value).tolist() for name, value in asdict(increment).items()}
-
-
-def _increment(data: dict[str, Any]) -> Increment:
-    blank = _plain(Increment(0.0, 0.0, 0.0, {}, 0, 0, 0.0, 0.0, [0.0]))
-    if [(k, type(v)) for k, v in data.items()] != [(k, type(v)) for k, v in blank.items()]:
-        raise ValueError
-    if not all(isinstance(v, float) for v in (*data["energies"].values(), *data["history"])):
-        raise ValueError
-    return Increment(**data)
-
-
-def _is_way(case: Case, run: _Run, increments: list[Increment]) -> bool:
-    """Whether increments lead through the values asked for to where the path is."""
-    values = case.test.values_si
-    by_load = case.test.control == "load" != next(iter(case.test.controls))
-    before, asked = 0.0, 0
-    for increment in increments:
-        if asked == len(values):
-            return False
-        value, control = values[asked], increment.control
-        if not (by_load or min(before, value) <= control <= max(before, value)):
-            return False
-        reached = increment.load if by_load else control
-        if increment.asked and abs(reached - value) > 1e-6 * max(map(abs, values)):
-            return False
-        asked, before = asked + increment.asked, control
-    controls = [increment.control for increment in increments]
-    largest = max(map(abs, controls), default=math.inf)
-    return (
-        run.path.target == asked == len(run.states)
-        and run.controls[-1] == before
-        and (by_load or {0.0, *controls}.issuperset(run.controls))
-        and len(set(run.controls)) == len(run.controls)
-        and (run.path.allowed is None or run.path.allowed > 1e-12 * largest)
-    )
+def _meeting(key: np.ndarray, size: int) -> np.ndarray:
+    """Rank (n,) on which those who have a key and those who want it meet: all get equal shares."""
+    mixed = key.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # Knuth's: 2^64 / golden ratio
+    return ((mixed >> np.uint64(32)) % np.uint64(size)).astype(int)
 
 
 # -- the checkpoint --------------------------------------------------------------------------------
@@ -251,45 +304,36 @@ class Checkpoint:
         self.folder = self.directory / CHECKPOINT
         self.increments: list[Increment] = []
         self.notes: list[str] = []
-        self._source: tuple[Path, _Manifest, _Run] | None = None  # what to go on from
+        self._source: _Part | None = None  # what to go on from
         self._states: list[str] = []  # checksums of the states asked for
         self._newest_is_good = False
 
     @classmethod
     def begin(cls, comm: MPI.Intracomm, directory: str | Path, case: Case) -> Checkpoint:
-        """Start without a past. A checkpoint that is there is put aside, not thrown away.
+        """Start without a past in a folder of results.
 
-        Parameters
-        ----------
-        comm : mpi4py communicator
-        directory : str or Path
-            The folder of the results.
-        case : Case
-
-        Raises
-        ------
-        InputError
-            On every rank: the folder cannot be made, another run is writing to it, or something
-            that is not the program's is in the way.
+        A checkpoint that is there is put aside, not thrown away. An InputError on every rank if the
+        folder cannot be made, if another run is writing to it, or if something that is not the
+        program's is in the way.
         """
         checkpoint = cls(comm, directory, case)
         folder, old = checkpoint.folder, checkpoint.directory / PUT_ASIDE
 
+        @explaining(f'"{folder}" cannot be made')
         def prepare() -> list[str]:
-            with _telling(f'"{folder}" cannot be made'):
-                checkpoint.directory.mkdir(parents=True, exist_ok=True)
-                notes = [lock_directory(checkpoint.directory)]
-                claim(folder)
-                if any((folder / name / MANIFEST).exists() for name in (NEWEST, PREVIOUS)):
-                    claim(old)
-                    _remove(old)
-                    folder.rename(old)
-                    notes.append(
-                        f'the checkpoint of a run that was not finished is now "{old}" '
-                        "(cruciform-petsc resume would have continued it)"
-                    )
-                _remove(folder)
-                folder.mkdir()
+            checkpoint.directory.mkdir(parents=True, exist_ok=True)
+            notes = [lock_directory(checkpoint.directory)]
+            claim(folder)
+            if any((folder / name / MANIFEST).exists() for name in (NEWEST, PREVIOUS)):
+                claim(old)
+                _remove(old)
+                folder.rename(old)
+                notes.append(
+                    f'the checkpoint of a run that was not finished is now "{old}" '
+                    "(cruciform-petsc resume would have continued it)"
+                )
+            _remove(folder)
+            folder.mkdir()
             return [note for note in notes if note]
 
         checkpoint.notes = on_root(comm, prepare)
@@ -299,212 +343,137 @@ class Checkpoint:
     def resume(
         cls, comm: MPI.Intracomm, directory: str | Path, case: Case | None = None
     ) -> Checkpoint:
-        """Open the newest good checkpoint.
+        """Open the newest good checkpoint in a folder of results, on any number of ranks.
 
-        Parameters
-        ----------
-        comm : mpi4py communicator
-            Its size may differ from that of the run before.
-        directory : str or Path
-            The folder of the results.
-        case : Case, optional
-            Must be the one the checkpoint is of, but for its title, ``output``, ``continuum``,
-            ``solver`` and ``test.increments``. By default that one.
-
-        Raises
-        ------
-        InputError
-            On every rank: there is none, it is of another case or program, or it is damaged and
-            so is the one before it.
+        A case that is given must be the one the checkpoint is of, but for its title, ``output``,
+        ``continuum``, ``solver`` and ``test.increments``. An InputError on every rank if there is
+        no checkpoint, if it is of another case or program, or if it is damaged and so is the one
+        before it.
         """
+        directory = Path(directory)
         problems: list[str] = []
-        for name in (NEWEST, PREVIOUS):
-            path = Path(directory) / CHECKPOINT / name
-            if not on_root(comm, partial(os.path.lexists, path)):
-                continue
+        for folder in on_root(comm, lambda: _found(directory)):
             try:
-                manifest, _ = _open(comm, path)
-                if manifest.run is None:
-                    raise _senseless(path)
-                checkpoint = cls(comm, directory, case or _case_of(path, manifest.run))
-                checkpoint._adopt(path, manifest.run)
-                checkpoint._source = path, manifest, manifest.run
+                part = _Part.open(comm, folder)
+                checkpoint = cls(comm, directory, case or _case_of(part))
+                checkpoint._adopt(part)
             except DamagedError as error:
                 problems.append(str(error))
                 continue
             if problems:
                 checkpoint.notes.append(f"{problems[0]}; going on from the one before it")
-            checkpoint._newest_is_good = name == NEWEST
+            checkpoint._newest_is_good = folder.name == NEWEST
             return checkpoint
         if problems:
             more = ", and so is the one before it" if len(problems) > 1 else ""
             raise InputError(f"{problems[0]}{more}; {ANEW}")
-        raise InputError(_nothing_there(Path(directory)))
+        raise InputError(_nothing_there(directory))
 
-    def _adopt(self, path: Path, run: _Run) -> None:
+    def _adopt(self, part: _Part) -> None:
         """Take over what a manifest says, if it is of this case."""
+        run = part.run
         differing = _differences(run.determines, determines(self.case))
-        if differing:
-            shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
+        shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
+        if differing and shown.isprintable():
             raise InputError(
-                f'"{path}" belongs to another case ({shown} '
+                f'"{part.folder}" belongs to another case ({shown} '
                 f"differ{'s' if len(differing) == 1 else ''}): resume with the case as it was, or "
                 f"{ANEW}"
             )
-        try:
-            self.increments = [_increment(data) for data in run.increments]
-            good = _is_way(self.case, run, self.increments)
-        except (KeyError, TypeError, ValueError):
-            good = False
-        if not good:
-            raise _senseless(path)
-        self._states = list(run.states)
+        if differing or not run.is_way_through(self.case):
+            raise _senseless(part.folder)
+        self._source = part
+        self.increments, self._states = run.increments, list(run.states)
 
-    # -- reading ----------------------------------------------------------------------------------
+    def restore(
+        self, nodes: Nodes, state_at: Callable[[float, np.ndarray], State]
+    ) -> tuple[StagePath, list[State]] | None:
+        """Where to go on, and the states asked for that were reached; None without a past.
 
-    def restore(self, nodes: Nodes) -> Kept:
-        """Positions to go on from; those at rest, of which a checkpoint is made, without a past.
-
-        Parameters
-        ----------
-        nodes : Nodes
-            Those whose positions are kept, on the ranks of now.
-
-        Raises
-        ------
-        InputError
-            On every rank: a file is damaged, or is of another network.
+        ``state_at`` makes a state of a control and positions (n_local, dim). An InputError on every
+        rank if a file is damaged, or is of another network.
         """
         if self._source is None:
-            path_at_rest = {"target": 0, "allowed": None, "load": 0.0}
-            kept = Kept([(0.0, nodes.rest)], path_at_rest, [])
-            self._write(nodes, kept, [])
-            return kept
-        path, manifest, run = self._source
-        positions = self._read(nodes, path, manifest, len(run.controls))
+            return None
+        part, run = self._source, self._source.run
+        states = map(state_at, run.controls, part.positions(nodes, len(run.controls)))
+        path = StagePath(list(states), **run.path.model_dump())
         asked = []
         reached = [increment.control for increment in self.increments if increment.asked]
         for number, (seal, control) in enumerate(zip(self._states, reached, strict=True), 1):
-            source = self.folder / f"state-{number}"
             try:
-                manifest, found = _open(self.comm, source)
+                part = _Part.open(self.comm, self.folder / f"state-{number}")
             except DamagedError as error:
                 raise InputError(f"{error}; {ANEW}") from None
-            if found != seal:
-                raise InputError(f'"{source}" is of another run than its neighbours; {ANEW}')
-            asked.append((control, self._read(nodes, source, manifest, 1)[0]))
-        return Kept([*zip(run.controls, positions, strict=True)], run.path.model_dump(), asked)
-
-    def _read(
-        self, nodes: Nodes, folder: Path, manifest: _Manifest, count: int
-    ) -> list[np.ndarray]:
-        """``count`` positions (n_local, dim) from a folder that has been opened."""
-        comm, dim = self.comm, nodes.rest.shape[1]
-        n = nodes.num_nodes_global
-        if sum(manifest.rows) != n or manifest.arrays.get("positions") != [count, dim]:
-            raise InputError(f'"{folder}" is of another network; {ANEW}')
-        share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
-        records = on_all(comm, lambda: _records(folder, manifest, *share))
-        own = nodes.node_key[: nodes.num_nodes_owned]
-        # Keys meet on ranks that follow from nothing but the key.
-        key, x = send_by_rank(
-            comm, _meeting(records["key"], comm.size), records["key"], records["positions"]
-        )
-        order = np.argsort(key)
-
-        def answer(wanted: np.ndarray) -> np.ndarray:
-            row = find_sorted(key[order], wanted)
-            return np.where(row[:, None, None] < 0, np.nan, x[order][row])
-
-        found = ask(comm, _meeting(own, comm.size), own, answer)
-        if not all(comm.allgather(bool(np.isfinite(found).all()))):
-            raise InputError(f'"{folder}" is of another network, or holds no numbers; {ANEW}')
-        local = np.zeros((count, nodes.num_nodes_local, dim))
-        local[:, : len(own)] = found.swapaxes(0, 1)
-        return [nodes.halo.forward(x) for x in local]
-
-    # -- writing ----------------------------------------------------------------------------------
+            if part.seal != seal:
+                raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
+            asked.append(state_at(control, part.positions(nodes, 1)[0]))
+        return path, asked
 
     def write(self, nodes: Nodes, path: StagePath, increments: list[Increment]) -> None:
-        """Keep what has been reached.
+        """Keep what has been reached by all increments that were accepted.
 
-        Parameters
-        ----------
-        nodes : Nodes
-        path : equilibrium.follow.Path
-        increments : list of Increment
-            All that were accepted, the last of which is where the path has got to.
-
-        Raises
-        ------
-        InputError
-            On every rank: the place cannot be written to. The last good checkpoint is still there.
+        An InputError on every rank if the place cannot be written to; the last good checkpoint is
+        still there then.
         """
         asked = sum(bool(increment.asked) for increment in increments)
         if asked > len(self._states):
             self._states.append(self._put(nodes, f"state-{asked}", [path.state.x], None))
-        way = {name: getattr(path, name) for name in ("target", "allowed", "load")}
-        states = [(state.time, state.x) for state in path.states]
-        self._write(nodes, Kept(states, way, []), increments)
-
-    def _write(self, nodes: Nodes, kept: Kept, increments: list[Increment]) -> None:
         run = {
             "case": self.case.model_dump(),
             "determines": determines(self.case),
-            "increments": [_plain(increment) for increment in increments],
-            "controls": [float(control) for control, _ in kept.states],
-            "path": kept.path,
+            "increments": [asdict(increment) for increment in increments],
+            "controls": [state.time for state in path.states],
+            "path": {name: getattr(path, name) for name in _Path.model_fields},
             "states": self._states,
         }
-        self._put(nodes, NEWEST, [x for _, x in kept.states], run)
+        self._put(nodes, NEWEST, [state.x for state in path.states], run)
         self._newest_is_good = True
 
     def _put(self, nodes: Nodes, name: str, positions: list[np.ndarray], run: dict | None) -> str:
         """Write a folder and give it its name; returns the checksum of its manifest."""
-        comm = self.comm
-        own = nodes.num_nodes_owned
-        arrays = {"positions": np.stack([x[:own] for x in positions], axis=1)}
-        shapes = {name: array.shape[1:] for name, array in arrays.items()}
-        rows = comm.allgather(own)
-        records = np.empty(own, _record(shapes))
-        for key, array in ({"key": nodes.node_key[:own]} | arrays).items():
-            records[key] = array
+        comm, own = self.comm, nodes.num_nodes_owned
+        x = np.stack([x[:own] for x in positions], axis=1)
+        records = np.empty(own, _record(x.shape[1:]))
+        records["key"], records["positions"] = nodes.node_key[:own], x
         data = io.BytesIO()
         np.save(data, records, allow_pickle=False)
         new = self.folder / comm.bcast(f"new-{os.getpid()}")
-        problem = f'the checkpoint "{self.folder / name}" cannot be written'
+        explained = explaining(f'the checkpoint "{self.folder / name}" cannot be written')
 
+        @explained
         def start() -> None:
-            with _telling(problem):
-                lock_directory(self.directory)
-                claim(self.folder, adopt=True)
-                _remove(new)
-                new.mkdir()
+            lock_directory(self.directory)
+            claim(self.folder, adopt=True)
+            _remove(new)
+            new.mkdir()
 
-        def fill() -> str:
-            with _telling(problem):
-                return _write_file(new / f"rank-{comm.rank}.npy", data.getvalue())
+        @explained
+        def fill() -> tuple[int, str]:
+            return own, _write_file(new / f"rank-{comm.rank}.npy", data.getvalue())
 
+        @explained
         def finish() -> str:
+            rows, hashes = zip(*files, strict=True)
             manifest = {
-                "program": __version__, "format": FORMAT, "arrays": shapes, "rows": rows,
-                "hashes": hashes, "run": run,
+                "program": __version__, "format": FORMAT, "arrays": {"positions": x.shape[1:]},
+                "rows": rows, "hashes": hashes, "run": run,
             }  # fmt: skip
-            text = json.dumps(manifest, separators=(",", ":"))
-            with _telling(problem):
-                seal = _write_file(new / MANIFEST, _sealed(text.encode()))
-                _sync(new)
-                if name == NEWEST and self._newest_is_good:
-                    _remove(self.folder / PREVIOUS)
-                    (self.folder / NEWEST).rename(self.folder / PREVIOUS)
-                _remove(self.folder / name)
-                new.rename(self.folder / name)
-                _sync(self.folder)
+            plain = np.generic.tolist  # numpy's numbers as Python's
+            text = json.dumps(manifest, separators=(",", ":"), default=plain)
+            seal = _write_file(new / MANIFEST, _sealed(text.encode()))
+            _sync(new)
+            if name == NEWEST and self._newest_is_good:
+                _remove(self.folder / PREVIOUS)
+                (self.folder / NEWEST).rename(self.folder / PREVIOUS)
+            _remove(self.folder / name)
+            new.rename(self.folder / name)
+            _sync(self.folder)
             return seal
 
         try:
             on_root(comm, start)
-            hashes = comm.gather(on_all(comm, fill))
+            files = comm.allgather(on_all(comm, fill))
             return on_root(comm, finish)
         except InputError as error:
             if comm.rank == 0:
@@ -534,32 +503,14 @@ def reopen(
 ) -> Checkpoint:
     """Open what ``cruciform-petsc resume TARGET`` is to go on with. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    target : str or Path
-        The folder of the results, or the case file that tells it.
-    overrides, output
-        Of a case file, as for ``cruciform-petsc run``.
-
-    Raises
-    ------
-    InputError
-        On every rank: see `Checkpoint.resume`.
+    It is the folder of the results, or the case file that tells it, with overrides and output as
+    for ``cruciform-petsc run``. Errors are those of `Checkpoint.resume`.
     """
-    if not on_root(comm, lambda: Path(target).exists()):
+    case, directory = None, Path(target)
+    exists, is_folder = on_root(comm, lambda: (directory.exists(), directory.is_dir()))
+    if not exists:
         raise InputError(f'there is no "{target}", name a folder of results or a case file')
-    case = None
-    directory = Path(target)
-    if on_root(comm, directory.is_dir):
-        if on_root(comm, lambda: not _is_there(directory)):
-            raise InputError(_nothing_there(directory))
-        if overrides or output is not None:
-            raise InputError(
-                f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
-                "case file: cruciform-petsc resume CASE"
-            )
-    else:
+    if not is_folder:
         case = Case.load_collective(comm, target, overrides)
         if not case.test.finite:
             raise InputError(
@@ -567,10 +518,15 @@ def reopen(
                 f"{ANEW} {target}"
             )
         directory = prepare_directory(comm, case.output.directory if output is None else output)
+    elif not on_root(comm, lambda: _found(directory)):
+        raise InputError(_nothing_there(directory))
+    elif overrides or output is not None:
+        raise InputError(
+            f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
+            "case file: cruciform-petsc resume CASE"
+        )
     warning = on_root(comm, lambda: lock_directory(directory))
-    if case is not None and on_root(
-        comm, lambda: not _is_there(directory) and not _is_finished(directory)
-    ):
+    if case and not on_root(comm, lambda: _found(directory) or _is_finished(directory)):
         checkpoint = Checkpoint.begin(comm, directory, case)
         checkpoint.notes.append(f'nothing was reached in "{directory}" yet, so it begins at rest')
     else:
@@ -584,7 +540,7 @@ def hint(directory: str | Path, ranks: int = 1) -> str:
 
     Not collective.
     """
-    if not _is_there(directory):
+    if not _found(Path(directory)):
         return ""
     return f"what was reached is kept, continue with: {resume_command(directory, ranks)}"
 
@@ -595,7 +551,7 @@ def resume_command(directory: str | Path, ranks: int = 1) -> str:
     return f"{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
 
 
-# -- what determines a run ------------------------------------------------------------------------
+# -- what determines a run -------------------------------------------------------------------------
 
 
 def determines(case: Case) -> dict[str, Any]:
@@ -617,76 +573,20 @@ def _differences(one: Any, other: Any, name: str = "") -> list[str]:
     if not (isinstance(one, dict) and isinstance(other, dict)):
         return [] if one == other else [name]
     found = []
-    for key in [*one, *(key for key in other if key not in one)]:
+    for key in one | other:
         below = f"{name}.{key}" if name else str(key)
         found += _differences(one.get(key), other.get(key), below)
     return found
 
 
-def _case_of(path: Path, run: _Run) -> Case:
+def _case_of(part: _Part) -> Case:
     try:
-        return Case.from_data(run.case)
+        return Case.from_data(part.run.case)
     except InputError:
-        raise _senseless(path) from None
+        raise _senseless(part.folder) from None
 
 
 # -- files and folders -----------------------------------------------------------------------------
-
-
-@contextmanager
-def _telling(problem: str, error: type[InputError] = InputError) -> Iterator[None]:
-    """Make an OSError an error that tells what it prevents."""
-    try:
-        yield
-    except OSError as reason:
-        raise error(f"{problem}: {reason.strerror or reason}") from None
-
-
-def _meeting(key: np.ndarray, size: int) -> np.ndarray:
-    """Rank (n,) on which those who have a key and those who want it meet: all get equal shares."""
-    mixed = key.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # Knuth's: 2^64 / golden ratio
-    return ((mixed >> np.uint64(32)) % np.uint64(size)).astype(int)
-
-
-def _open(comm: MPI.Intracomm, folder: Path) -> tuple[_Manifest, str]:
-    """Check a folder's manifest and all its files; returns its checksum, too. Collective."""
-
-    def read() -> tuple[_Manifest, str]:
-        with _telling(f'"{folder / MANIFEST}" cannot be read', DamagedError):
-            return _read_manifest(folder)
-
-    def check() -> None:
-        for rank in range(comm.rank, len(manifest.hashes), comm.size):
-            path = folder / f"rank-{rank}.npy"
-            with _telling(f'"{path}" cannot be read', DamagedError), open_regular(path) as file:
-                if hashlib.file_digest(file, "sha256").hexdigest() != manifest.hashes[rank]:
-                    raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
-            _nodes_of(folder, manifest, rank)
-
-    manifest, seal = on_root(comm, read)
-    on_all(comm, check)
-    return manifest, seal
-
-
-def _nodes_of(folder: Path, manifest: _Manifest, rank: int) -> np.ndarray:
-    """Records of a rank's nodes, which stay on the disk."""
-    path = folder / f"rank-{rank}.npy"
-    with suppress(Exception):  # numpy's reader of headers has many for what it does not expect
-        records = np.lib.format.open_memmap(path, mode="r")
-        if records.dtype == _record(manifest.arrays) and records.shape == (manifest.rows[rank],):
-            return records
-    raise DamagedError(f'"{path}" is damaged: it does not hold what its manifest says')
-
-
-def _records(folder: Path, manifest: _Manifest, first: int, stop: int) -> np.ndarray:
-    """Records first ... stop - 1 of those in all the files, one after the other."""
-    ends = np.cumsum([0, *manifest.rows])
-    share = [
-        _nodes_of(folder, manifest, rank)[max(first - begin, 0) : max(stop - begin, 0)]
-        for rank, (begin, end) in enumerate(pairwise(ends))
-        if begin < stop and first < end
-    ]
-    return np.concatenate([np.empty(0, _record(manifest.arrays)), *share])
 
 
 def _write_file(path: Path, data: bytes) -> str:
@@ -727,9 +627,10 @@ def _remove(folder: Path) -> None:
     folder.rmdir()
 
 
-def _is_there(directory: str | Path) -> bool:
-    folder = Path(directory) / CHECKPOINT
-    return any(os.path.lexists(folder / name) for name in (NEWEST, PREVIOUS))
+def _found(directory: Path) -> list[Path]:
+    """What there is to go on from, the newest first; not collective."""
+    parts = [directory / CHECKPOINT / name for name in (NEWEST, PREVIOUS)]
+    return [part for part in parts if os.path.lexists(part)]
 
 
 def _is_finished(directory: Path) -> bool:

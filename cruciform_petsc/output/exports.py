@@ -17,7 +17,7 @@ from ..net.lattice import ARM_STEP, QUADRANTS
 from .abaqus import Shells, input_file
 from .cells import lattice_cells
 from .folder import prepare_directory
-from .ordered import in_order, lines, write_pieces
+from .tables import in_order, lines, write_pieces
 
 if TYPE_CHECKING:
     from ..cloth.fabric import Fabric

@@ -48,10 +48,20 @@ OF_CALIBRATION = (
 OF_COMPARISON = ("comparison.json", "comparison.png")
 KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, CHECKPOINT, PUT_ASIDE)
 
-
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.
 _locked: dict[str, tuple[int, set[str]]] = {}
+
+
+@contextmanager
+def explaining(
+    problem: str, error: type[InputError] = InputError, also: type[Exception] = OSError
+) -> Iterator[None]:
+    """Make an OSError, and ``also``, an error that tells what it prevents; decorates, too."""
+    try:
+        yield
+    except (OSError, also) as reason:
+        raise error(f"{problem}: {getattr(reason, 'strerror', None) or reason}") from None
 
 
 # -- reading what may come from anywhere -----------------------------------------------------------
@@ -143,15 +153,8 @@ def foreign(path: Path) -> InputError:
 def remove_results(comm: MPI.Intracomm, directory: Path) -> str:
     """Remove what an earlier run left in a locked folder; all else stays. Collective.
 
-    Returns
-    -------
-    str
-        What it was, for the log; empty if it is not known.
-
-    Raises
-    ------
-    InputError
-        On every rank: something cannot be removed.
+    Returns what it was, for the log; empty if it is not known. An InputError on every rank if
+    something cannot be removed.
     """
 
     def remove() -> str:
@@ -159,16 +162,12 @@ def remove_results(comm: MPI.Intracomm, directory: Path) -> str:
         names = _written(directory) or set()
         removed = names.intersection(OF_RUN)
         names -= removed
-        try:
-            for path in [directory / name for name in removed]:
-                path.unlink(missing_ok=True)
-            path = directory / MANIFEST
-            if removed:
+        for name in removed:
+            with explaining(f'"{directory / name}" of an earlier run cannot be removed'):
+                (directory / name).unlink(missing_ok=True)
+        if removed:
+            with explaining(f'"{directory / MANIFEST}" of an earlier run cannot be removed'):
                 _save(directory, names)
-        except OSError as error:
-            raise InputError(
-                f'"{path}" of an earlier run cannot be removed: {error.strerror}'
-            ) from None
         return f'"{old.get("title")}" of {old["date"]}' if removed and "date" in old else ""
 
     return on_root(comm, remove)
@@ -178,69 +177,42 @@ def remove_results(comm: MPI.Intracomm, directory: Path) -> str:
 
 
 def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
-    """Make the folder if need be and make sure, before hours of work, that it can be written.
+    """Make a folder with its parents and make sure, before hours of work, that it can be written.
 
-    Collective; rank 0 touches the file system.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    path : str or Path
-        Made with its parents. It may be a link to a folder.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        On every rank: a file is in the way, or the folder cannot be made or written to.
+    It may be a link to one. Collective; an InputError on every rank if a file is in the way, or if
+    it cannot be made or written to.
     """
     if not str(path):
         raise InputError("--output must be a name that is not empty, got ''")
+    folder = Path(path)
 
-    def prepare() -> Path:
-        folder = Path(path)
+    @explaining(f'output folder "{folder}" cannot be written', also=ValueError)  # a null byte
+    def prepare() -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=folder, prefix=".cruciform-petsc-"):
-                pass
         except (FileExistsError, NotADirectoryError):
             raise InputError(
                 f'output folder "{folder}" cannot be made because a file is in its way'
             ) from None
-        except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f'output folder "{folder}" cannot be written: {reason}') from None
-        return folder
+        tempfile.NamedTemporaryFile(dir=folder, prefix=".cruciform-petsc-").close()
 
-    return on_root(comm, prepare)
+    on_root(comm, prepare)
+    return folder
 
 
 def lock_directory(directory: Path) -> str:
     """Take a folder for this process until it ends; not collective.
 
-    Two runs that write to one folder would each take the other's files for its own.
-
-    Returns
-    -------
-    str
-        What the user should know: that it cannot be locked. Empty otherwise.
-
-    Raises
-    ------
-    InputError
-        Another process has it and keeps it for some seconds more, or it cannot be opened.
+    Two runs that write to one folder would each take the other's files for its own. Returns a
+    warning if it cannot be locked, else an empty text; an InputError if it cannot be opened, or if
+    another process has it and keeps it for `PATIENCE`.
     """
     name = os.path.realpath(directory)
     if name in _locked:
         return ""
     warning = ""
-    try:
+    with explaining(f'"{directory}" cannot be used'):
         handle = os.open(name, os.O_RDONLY)
-    except OSError as error:
-        raise InputError(f'"{directory}" cannot be used: {error.strerror}') from None
     deadline = time.monotonic() + PATIENCE
     while True:
         try:
@@ -274,24 +246,12 @@ def unlock_directory(directory: Path) -> None:
 @contextmanager
 def locked(
     comm: MPI.Intracomm, directory: str | Path, names: tuple[str, ...], log: logging.Logger
-) -> Iterator[None]:
-    """Have a folder for this command alone while the block runs. Collective.
+) -> Iterator[Path]:
+    """Have a folder, made if need be, for one command while the block runs. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    directory : str or Path
-        Made if it is not there.
-    names : tuple of str
-        Of what the command may write.
-    log : logging.Logger
-        Is warned where the file system cannot lock.
-
-    Raises
-    ------
-    InputError
-        On every rank: the folder cannot be used, another run is writing to it, or something in it
-        that is not the program's has one of the names.
+    An InputError on every rank if it cannot be used, if another run is writing to it, or if
+    something in it that is not the program's has one of the names, those of what the command may
+    write. The log is warned where the file system cannot lock.
     """
     folder = prepare_directory(comm, directory)
 
@@ -307,6 +267,6 @@ def locked(
         warning = on_root(comm, lock)
         if warning:
             log.warning("warning       %s", warning)
-        yield
+        yield folder
     finally:  # on rank 0, wherever the others are
         unlock_directory(folder)

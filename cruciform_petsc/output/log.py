@@ -68,19 +68,16 @@ def tell_program(log: logging.Logger, ranks: int) -> None:
 
 def tell_network(log: logging.Logger, statistics: Mapping[str, Any]) -> None:
     """Sizes of a network."""
-    log.info(
-        "%s%d crossovers, %d arm ends, %d warp and %d weft yarns",
-        INDENT,
-        *(statistics[key] for key in ("crossovers", "nodes", "warp_yarns", "weft_yarns")),
-    )
-    keys = ("crossovers_per_rank_min", "crossovers_per_rank_max", "imbalance", "cut_yarns")
-    if statistics[keys[0]] == statistics["crossovers"]:  # one rank
-        return
-    log.info(
-        "%sranks hold %d to %d crossovers (imbalance %.3f), %d yarns cut between ranks",
-        INDENT,
-        *(statistics[key] for key in keys),
-    )
+    texts = [
+        "{crossovers} crossovers, {nodes} arm ends, {warp_yarns} warp and {weft_yarns} weft yarns"
+    ]
+    if statistics["crossovers_per_rank_min"] != statistics["crossovers"]:
+        texts.append(
+            "ranks hold {crossovers_per_rank_min} to {crossovers_per_rank_max} crossovers "
+            "(imbalance {imbalance:.3f}), {cut_yarns} yarns cut between ranks"
+        )
+    for text in texts:
+        log.info("%s%s", INDENT, text.format_map(statistics))
 
 
 def tell_solver(log: logging.Logger, result: TestResult) -> None:
@@ -138,26 +135,18 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
     yield "yarn tension", tension_text(summary["yarn_tension_max"])
     energies = {mode: last(value) for mode, value in summary["energy_j"].items()}
     total = sum(energies.values())
-    shares = [
-        f"{mode} {round(100 * value / (total or 1.0), 1) + 0.0:.1f} %"
-        for mode, value in energies.items()
-    ]
-    yield "energy", f"{1e3 * total:.4g} mJ: {', '.join(shares)}"
+    shares = {mode: round(100 * e / (total or 1.0), 1) + 0.0 for mode, e in energies.items()}
+    texts = [f"{mode} {share:.1f} %" for mode, share in shares.items()]
+    yield "energy", f"{1e3 * total:.4g} mJ: {', '.join(texts)}"
 
 
 def _comparisons(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Names and figures of what the last state is compared with."""
     measured = summary.get("measured", {})
     if "rms_relative" in measured:
-        yield (
-            "measured",
-            "load differs by {:.2f} % RMS, {:+.2f} % at the end ({} of {} points)".format(
-                100 * measured["rms_relative"],
-                100 * measured["end_relative"],
-                measured["points"],
-                measured["points_measured"],
-            ),
-        )
+        rms, end = 100 * measured["rms_relative"], 100 * measured["end_relative"]
+        points = "({points} of {points_measured} points)".format_map(measured)
+        yield "measured", f"load differs by {rms:.2f} % RMS, {end:+.2f} % at the end {points}"
     for mode, share in summary.get("uncarried_share_of_load", {}).items():
         yield mode, f"cannot carry {100 * share:.1f} % of the load by itself"
     continuum = summary.get("continuum", {})

@@ -98,54 +98,38 @@ class Progress:
         )
 
     def _write(self) -> None:
-        table = increments_table(self.experiment, self.increments)
-        write_csv(self.experiment.network.comm, self.path, table)
-
-
-def increments_table(
-    experiment: Experiment, increments: Sequence[Increment]
-) -> dict[str, np.ndarray | list]:
-    """Columns of all accepted increments, with units in their names; (n,) each."""
-    control = experiment.column
-    columns: dict[str, np.ndarray | list] = {
-        control.column: np.array([increment.control for increment in increments]) / control.scale,
-        LOAD.column: [increment.load for increment in increments],
-        "shear_max_deg": np.rad2deg([increment.shear_max for increment in increments]),
-    }
-    for mode in MODES:
-        columns[f"energy_{mode}_J"] = [increment.energies[mode] for increment in increments]
-    for name, attribute in EFFORT.items():
-        columns[name] = [getattr(increment, attribute) for increment in increments]
-    return columns | {"asked": np.array(columns["asked"], int)}
+        """Write the table of all accepted increments."""
+        control, steps = self.experiment.column, self.increments
+        columns: dict[str, Any] = {
+            control.column: np.array([step.control for step in steps]) / control.scale,
+            LOAD.column: [step.load for step in steps],
+            "shear_max_deg": np.rad2deg([step.shear_max for step in steps]),
+        }
+        for mode in MODES:
+            columns[f"energy_{mode}_J"] = [step.energies[mode] for step in steps]
+        for name, attribute in EFFORT.items():
+            columns[name] = [getattr(step, attribute) for step in steps]
+        columns["asked"] = np.array(columns["asked"], int)
+        write_csv(self.experiment.network.comm, self.path, columns)
 
 
 class Route:
-    """The way through the values that a test is asked for, from rest, and what of it is done.
+    """The way from rest through the values (n,) that a test is asked for, and what of it is done.
 
-    Parameters
-    ----------
-    values : sequence of float (n,)
-        May turn back.
+    It may turn back.
     """
 
     def __init__(self, values: Sequence[float] | np.ndarray):
         self.values = np.concatenate([[0.0], np.asarray(values, float)])
-        self.reached = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(self.values)))])
-
-    @property
-    def length(self) -> float:
-        """Of the whole way."""
-        return float(self.reached[-1])
+        self.steps = np.abs(np.diff(self.values))
+        self.length = float(self.steps.sum())
 
     def done(self, asked: int, at: float) -> float:
         """Length that lies behind, with so many of the values reached, and now at some value."""
-        asked = min(asked, len(self.values) - 1)
-        if asked == len(self.values) - 1:
-            return self.length
-        return min(
-            float(self.reached[asked] + abs(at - self.values[asked])),
-            float(self.reached[asked + 1]),
-        )
+        behind = float(self.steps[:asked].sum())
+        if asked >= len(self.steps):
+            return behind
+        return behind + min(abs(at - self.values[asked]), self.steps[asked])
 
 
 def is_terminal(stream: IO[str]) -> bool:
@@ -187,18 +171,9 @@ def progress_bar(
 ) -> Iterator[Callable[[float, str], None] | None]:
     """Show a bar below the log while the block runs; not collective.
 
-    Parameters
-    ----------
-    log : logging.Logger
-        Its lines to stdout go above the bar. One that tells warnings only (or nothing, as on ranks
-        other than 0) has no bar.
-    length, begin : float
-        Of the whole way, and what of it is done before.
-
-    Yields
-    ------
-    callable or None
-        Told what is done, and a text; None where there is no bar.
+    Of the whole length, ``begin`` is done before. Yields what is told how much is done, and a text;
+    None where there is no bar: no terminal, or a log of warnings only (or nothing, as on ranks
+    other than 0). Lines of the log to stdout go above the bar.
     """
     stdout = sys.stdout
     if not (log.isEnabledFor(logging.INFO) and log.handlers and is_terminal(stdout)):

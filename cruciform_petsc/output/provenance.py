@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import json
 import platform
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
+from ..parallel import on_root
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -25,17 +27,15 @@ def versions() -> dict[str, str]:
     """Versions of this program and of what it stands on, as far as they are installed."""
     from petsc4py import PETSc  # starts PETSc
 
-    told = {
+    found = {
         "cruciform_petsc": __version__,
         "python": platform.python_version(),
         "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
     }
     for name in LIBRARIES:
-        try:
-            told[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return told
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
 def commit() -> str | None:
@@ -61,29 +61,26 @@ def commit() -> str | None:
 
 def provenance(comm: MPI.Intracomm) -> dict[str, Any]:
     """What a summary says: ranks, versions, date and commit; the same on every rank. Collective."""
-    told = None
-    if comm.rank == 0:
+
+    def origin() -> dict[str, Any]:
         date = datetime.now(UTC).isoformat(timespec="seconds")
-        told = {"versions": versions(), "date": date, "commit": commit()}
-    return {"ranks": comm.size, **comm.bcast(told)}
+        return {"ranks": comm.size, "versions": versions(), "date": date, "commit": commit()}
+
+    return on_root(comm, origin)
 
 
 def file_notes(result: TestResult, case: dict[str, Any] | None = None) -> dict[str, str | int]:
     """The same as attributes of a data file, with what was tested. Collective.
 
-    Parameters
-    ----------
-    result : TestResult
-    case : dict, optional
-        The case file's content; left out if it is too long for an attribute.
+    So is the case file's content, if it is not too long for an attribute.
     """
-    told = provenance(result.network.comm)
+    origin = provenance(result.network.comm)
     notes = {
         "program": f"cruciform_petsc {__version__}",
-        "commit": told["commit"] or "",
-        "versions": json.dumps(told["versions"]),
-        "date": told["date"],
-        "ranks": told["ranks"],
+        "commit": origin["commit"] or "",
+        "versions": json.dumps(origin["versions"]),
+        "date": origin["date"],
+        "ranks": origin["ranks"],
         "test": result.experiment.kind,
         "fabric": repr(result.network.fabric),
         "preform": repr(result.network.preform),

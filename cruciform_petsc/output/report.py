@@ -74,6 +74,11 @@ class Table:
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+    @classmethod
+    def of(cls, columns: Mapping[str, Sequence[str]]) -> Table:
+        """Make it of columns by their heads."""
+        return cls(list(columns), list(zip(*columns.values(), strict=True)))
+
     @cached_property
     def right(self) -> list[bool]:
         """Whether a column is one of numbers."""
@@ -89,17 +94,13 @@ def write_report(
 ) -> None:
     """Write report.html into a folder of results. Collective; rank 0 writes.
 
-    Parameters
-    ----------
-    directory : Path
-    case : Case
-    result : TestResult
-    summary : dict
-        As it goes into summary.json.
-    pictures : sequence of str
-        Files in the folder, embedded in this order.
+    The summary is as it goes into summary.json; pictures are files in the folder, curves among them
+    embedded in this order.
     """
     curve, experiment = result.curve(), result.experiment
+    at, captions = last_control(curve), CAPTIONS | experiment.captions
+    maps = [directory / name for name in MAPS if name in pictures]
+    curves = [directory / name for name in pictures if name not in MAPS]
 
     def write() -> None:
         from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -121,7 +122,7 @@ def write_report(
             tension=tension_text(summary["yarn_tension_max"]),
             maps=gallery(maps, captions, at, experiment.colour),
             jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
-            curves=gallery([path for path in paths if path not in maps], captions),
+            curves=gallery(curves, captions),
             results=curve_table(curve, experiment.load_name),
             measured_table=_measured(summary.get("measured", {})),
             continuum=_continuum(summary, curve),
@@ -135,11 +136,6 @@ def write_report(
         with written_whole(directory / "report.html") as temporary:
             temporary.write_text(text, encoding="utf-8")
 
-    at = last_control(curve)
-    captions = CAPTIONS | experiment.captions
-    paths = [directory / name for name in pictures]
-    order = list(MAPS)
-    maps = sorted((p for p in paths if p.name in MAPS), key=lambda p: order.index(p.name))
     on_root(result.network.comm, write)
 
 
@@ -210,29 +206,32 @@ def gallery(
 
 def curve_table(curve: Mapping[str, np.ndarray], load_name: str = "load") -> Table:
     """The curve with its columns' names and units; rounding is told as 0."""
-    heads, columns = [], []
+    columns = {}
     total = sum(values for name, values in curve.items() if name.startswith("energy_"))
     for name, values in curve.items():
         known = quantity(name)
         noise = {"J": NOISE * total, "°": NOISE}.get(known.unit, 0.0)
         scale, unit = _unit(name, values)
         head = load_name if name == "load_N" else known.name
-        heads.append(f"{head} ({unit})" if unit else head)
-        columns.append(numbers(np.where(np.abs(values) < noise, 0.0, values), scale))
-    return Table(heads, list(zip(*columns, strict=True)))
+        quiet = np.where(np.abs(values) < noise, 0.0, values)
+        columns[f"{head} ({unit})" if unit else head] = numbers(quiet, scale)
+    return Table.of(columns)
 
 
 def _measured(measured: Mapping[str, Any]) -> Table | None:
     """Measured and computed loads; none if the test does not reach any of them."""
     if "rms_relative" not in measured:
         return None
-    columns = [measured[key] for key in ("displacement_mm", "measured_n", "load_n")]
-    off = [
-        "" if load is None or not np.isfinite(load) else _percent(load / force - 1.0, True)
-        for _, force, load in zip(*columns, strict=True)
-    ]
-    heads = ["displacement (mm)", "measured (N)", "computed (N)", "difference"]
-    return Table(heads, list(zip(*map(numbers, columns), off, strict=True)))
+    force, load = np.asarray(measured["measured_n"]), np.asarray(measured["load_n"], float)
+    off = [_percent(v, True) if np.isfinite(v) else "" for v in load / force - 1.0]
+    return Table.of(
+        {
+            "displacement (mm)": numbers(measured["displacement_mm"]),
+            "measured (N)": numbers(force),
+            "computed (N)": numbers(load),
+            "difference": off,
+        }
+    )
 
 
 def _continuum(
@@ -250,12 +249,12 @@ def _continuum(
     heads = [name for name, _ in shown.values()]
     control = quantity(next(iter(curve)))
     rows: list[Sequence[str]] = []
-    for what, told in (
-        ("", continuum),
-        (" without yarn bending", continuum.get("without_bending")),
-    ):
-        if told is not None:
-            columns = [[form(v) for v in _all(told[key])] for key, (_, form) in shown.items()]
+    without = continuum.get("without_bending")
+    for what, figures in (("", continuum), (" without yarn bending", without)):
+        if figures is not None:
+            columns = [
+                [form(v) for v in np.atleast_1d(figures[key])] for key, (_, form) in shown.items()
+            ]
             at = np.asarray(curve[control.column])[-len(columns[0]) :]
             at_text = [f"{value:.4g} {control.unit}{what}" for value in at]
             rows += zip(at_text, *columns, strict=True)
@@ -371,7 +370,7 @@ def _increments(summary: Mapping[str, Any], control: Quantity) -> Table | None:
         "time (s)": [f"{step['seconds']:.2f}" for step in steps],
         "": ["asked for" if step["asked"] else "" for step in steps],
     }
-    return Table(list(columns), list(zip(*columns.values(), strict=True)))
+    return Table.of(columns)
 
 
 def _origin(summary: Mapping[str, Any]) -> list[str]:
@@ -435,7 +434,3 @@ def _sentence(text: str) -> str:
     """On one line, from a capital to a full stop."""
     text = " ".join(str(text).split())
     return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
-
-
-def _all(value: Any) -> list[float]:
-    return list(value) if isinstance(value, list) else [value]

@@ -27,14 +27,7 @@ ROUNDING_N = 1e-9  # tensions of yarns below are none
 def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], hanging: int) -> dict:
     """All figures of a test; lists where the case asked for a list. Collective.
 
-    Parameters
-    ----------
-    case : Case
-    result : TestResult
-    statistics : dict
-        Of the network.
-    hanging : int
-        Crossovers that carry nothing.
+    Statistics are those of the network; so many crossovers are hanging that carry nothing.
     """
 
     def values(column: Any) -> Any:
@@ -66,7 +59,7 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         summary["newton_iterations_per_increment"] = float(np.mean(iterations))
     summary |= {
         "network": {**statistics, "hanging_crossovers": hanging},
-        "model": result.experiment.model,
+        "model": experiment.model,
         "bending": case.test.bending,
         "case": case.model_dump(),
         **provenance(result.network.comm),
@@ -121,11 +114,8 @@ def largest_tension(result: TestResult) -> dict[str, Any]:
 def solver_figures(result: TestResult) -> dict[str, Any]:
     """How the systems were solved: the linear one, or those of all Newton iterations together."""
     if result.solver is not None:
-        return {
-            name: value
-            for name, value in asdict(result.solver).items()
-            if name not in ("unknowns", "history")
-        }
+        figures = asdict(result.solver)
+        return {key: figures[key] for key in figures if key not in ("unknowns", "history")}
     return {
         **result.solver_types,
         "newton_iterations": sum(increment.iterations for increment in result.increments),

@@ -2,7 +2,9 @@
 """Small files that rank 0 writes, curves as CSV, summaries as JSON; and how any file is written.
 
 A file gets its name when it is whole. Where a place cannot be written to, every rank raises an
-InputError, and nothing is left there.
+InputError, and nothing is left there. Text files of many ranks have their rows in one order on any
+number of ranks: a row is made into text on the rank whose share of the numbers it belongs to, and
+one rank after the other writes.
 """
 
 from __future__ import annotations
@@ -11,16 +13,17 @@ import csv
 import json
 import math
 import secrets
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..parallel import on_all, on_root
-from .folder import claim
+from ..parallel import on_all, on_root, send_by_rank
+from .folder import claim, explaining
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -31,13 +34,8 @@ def write_csv(
 ) -> None:
     """Write columns of equal length under their names. Collective; rank 0 writes.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    path : str or Path
-    columns : dict of sequences
-        Names carry the units: ``extension_mm``, ``load_N``. Needed on rank 0 only. Numbers are
-        written so that they read back exactly, those that are not finite as an empty field.
+    Names carry the units: ``extension_mm``, ``load_N``. Numbers, needed on rank 0 only, are written
+    so that they read back exactly, those that are not finite as an empty field.
     """
 
     def write() -> None:
@@ -53,12 +51,7 @@ def write_csv(
 def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -> None:
     """Write nested dicts and sequences of plain or numpy values. Collective; rank 0 writes.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    path : str or Path
-    data : dict
-        Needed on rank 0 only. JSON knows no NaN and no infinity: they become null.
+    They are needed on rank 0 only. JSON knows no NaN and no infinity: they become null.
     """
 
     def write() -> None:
@@ -73,19 +66,14 @@ def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -
 def written_whole(path: str | Path) -> Iterator[Path]:
     """Give a temporary name beside ``path``; it becomes ``path`` when the block ends well.
 
-    Not collective. What was there before stays until then, or for good if the block fails.
-
-    Raises
-    ------
-    InputError
-        The place cannot be written to, or the block raised an OSError.
+    Not collective. What was there before stays until then, or for good if the block fails. An
+    OSError, in the block too, becomes an InputError.
     """
-    temporary = start_file(path)
+    temporary = _start(path)
     try:
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        raise _cannot_write(path, error) from None
+        with explaining(f'"{path}" cannot be written'):
+            yield temporary
+            temporary.replace(path)
     finally:
         _remove(temporary)
 
@@ -97,23 +85,16 @@ def written_by_all(
     """Give what writes to a file of all ranks; it gets its name when the block ends well.
 
     Collective, as is what the block gets: to be called with a function of the temporary file, or
-    with None on ranks that have nothing to write.
-
-    Raises
-    ------
-    InputError
-        On every rank: the place cannot be written to, or a function raised an OSError or a
-        RuntimeError on one of them. Nothing is left there then.
+    with None on ranks that have nothing to write. An OSError or a RuntimeError on any rank becomes
+    an InputError on all, and nothing is left there.
     """
-    temporary = on_root(comm, lambda: start_file(path))
+    temporary = on_root(comm, lambda: _start(path))
 
     def together(write: Callable[[Path], object] | None) -> None:
+        @explaining(f'"{path}" cannot be written', also=RuntimeError)
         def attempt() -> None:
-            try:
-                if write is not None:
-                    write(temporary)
-            except (OSError, RuntimeError) as error:
-                raise _cannot_write(path, error) from None
+            if write is not None:
+                write(temporary)
 
         on_all(comm, attempt)
 
@@ -125,28 +106,21 @@ def written_by_all(
         raise
 
 
-def start_file(path: str | Path) -> Path:
+def _start(path: str | Path) -> Path:
     """Make an empty file beside ``path`` and return its name; InputError if that cannot be."""
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
-    try:
+    with explaining(f'"{path}" cannot be written', also=ValueError):  # a null byte in the path
         if path.is_dir():
             raise OSError("a folder has that name")
         claim(path)
         temporary.touch(exist_ok=False)  # which follows no link
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        raise _cannot_write(path, error) from None
     return temporary
 
 
 def _remove(temporary: Path) -> None:
     with suppress(OSError):
         temporary.unlink(missing_ok=True)
-
-
-def _cannot_write(path: str | Path, error: Exception) -> InputError:
-    reason = getattr(error, "strerror", None) or str(error)
-    return InputError(f'"{path}" cannot be written: {reason}')
 
 
 def _plain(value: Any) -> Any:
@@ -160,3 +134,56 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value
+
+
+# -- rows of many ranks ----------------------------------------------------------------------------
+
+
+def in_order(
+    comm: MPI.Intracomm, number: np.ndarray, total: int, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deal rows out by their numbers: rank r gets the r-th part of 0 ... total - 1. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    number : int64 (n,)
+        No two alike, on whatever rank; not all need be there.
+    total : int
+    rows : float (n, k)
+
+    Returns
+    -------
+    number : int64 (m,), ascending
+    rows : float (m, k)
+    """
+    first = np.arange(1, comm.size + 1) * total // comm.size
+    rank = np.searchsorted(first, number, side="right")
+    number, rows = send_by_rank(comm, rank, np.asarray(number, np.int64), np.asarray(rows, float))
+    order = np.argsort(number)
+    return number[order], rows[order]
+
+
+def lines(template: str, *columns: np.ndarray) -> bytes:
+    """A line for each row of the columns, (n,) or (n, k), by a template like "%d, %.9g"."""
+    # Adding zero makes plain zeros of negative ones.
+    table = np.column_stack([np.asarray(column, float) for column in columns]) + 0.0
+    rows: Any = table.tolist()
+    return "".join([template % tuple(row) + "\n" for row in rows]).encode()
+
+
+def write_pieces(comm: MPI.Intracomm, path: str | Path, pieces: Iterable[bytes]) -> None:
+    """Write a file piece by piece, of each piece all ranks' parts in their order. Collective.
+
+    There are as many pieces on every rank; they are made as they are needed.
+    """
+    with written_by_all(comm, path) as together:
+        for piece in pieces:
+            for turn in range(comm.size):
+                mine = turn == comm.rank and piece
+                together(partial(_append, piece=piece) if mine else None)
+
+
+def _append(path: Path, piece: bytes) -> None:
+    with path.open("ab") as file:
+        file.write(piece)

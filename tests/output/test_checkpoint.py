@@ -622,8 +622,8 @@ def test_killed_at_each_step_of_writing(killed, tmp_path, step, undisturbed, mon
                     raise Stop
                 return result
 
-            def restoring(model, restore=restore, dying=dying):
-                kept = restore(model)  # reads, and is not what is looked at
+            def restoring(*arguments, restore=restore, dying=dying):
+                kept = restore(*arguments)  # reads, and is not what is looked at
                 monkeypatch.setattr(step, dying)
                 return kept
 

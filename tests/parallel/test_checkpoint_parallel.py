@@ -65,16 +65,17 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
 
     def kept(comm):
         network = Network(comm, case.preform(), case.fabric())
-        nodes = FiniteTest(case.experiment(network)).ply.nodes
-        return nodes.node_key, Checkpoint.resume(comm, tmp_path).restore(nodes)
+        test = FiniteTest(case.experiment(network))
+        nodes = test.ply.nodes
+        path, asked = Checkpoint.resume(comm, tmp_path).restore(nodes, test.at)
+        assert len(path.states) == 3
+        return nodes.node_key, [(state.time, state.x) for state in (*path.states, *asked)]
 
     key, many = kept(COMM)
     one_key, one = kept(MPI.COMM_SELF)
     at = np.searchsorted(one_key, key)
     assert (one_key[at] == key).all()
-    assert len(many.states) == len(one.states) == 3
-    pairs = [*zip(many.states, one.states, strict=True), *zip(many.asked, one.asked, strict=True)]
-    for (control, x), (one_control, one_x) in pairs:
+    for (control, x), (one_control, one_x) in zip(many, one, strict=True):
         assert control == one_control
         np.testing.assert_array_equal(x, one_x[at])
 

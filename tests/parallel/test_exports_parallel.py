@@ -9,7 +9,7 @@ from support.helpers import holed
 
 from cruciform_petsc import BiasExtension, InputError, Network, Preform
 from cruciform_petsc.output.exports import export
-from cruciform_petsc.output.ordered import in_order, write_pieces
+from cruciform_petsc.output.tables import in_order, write_pieces
 
 COMM = MPI.COMM_WORLD
 pytestmark = pytest.mark.three_ranks
