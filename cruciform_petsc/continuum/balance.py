@@ -377,7 +377,7 @@ class Balance:
         if self._solver is None:
             # For the inertia: the root on one rank, null pivots told apart.
             inertia = {"mat_mumps_icntl_13": 1, "mat_mumps_icntl_24": 1}
-            self._solver = self.membrane.solver(matrix, self.prefix, inertia)
+            self._solver = self.membrane.solver(matrix, self.prefix, **inertia)
         else:
             self._solver.ksp.setOperators(matrix)  # or it would not look at the new values yet
             self._solver.ksp.setUp()

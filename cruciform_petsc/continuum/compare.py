@@ -25,25 +25,14 @@ SINGULAR_RADIUS = 0.1
 class Comparison:
     """Differences network - membrane at the crossovers, and ratios network / membrane.
 
-    Attributes
-    ----------
-    points, points_shear : int
-        Number of crossovers compared, on all ranks together, and those of them whose shear angles
-        are compared.
-    relative_l2_displacement : float
-        Norm of the difference over the norm of the membrane's displacement.
-    relative_l2_shear : float
-        The same for the shear angle.
-    mean_abs_shear_deg : float
-        Mean absolute difference of the shear angle in degrees.
-    load_ratio, energy_ratio : float
+    Relative L2 differences are norms over that of the membrane's field.
     """
 
-    points: int
-    points_shear: int
+    points: int  # crossovers compared, on all ranks together
+    points_shear: int  # those of them whose shear angles are compared
     relative_l2_displacement: float
     relative_l2_shear: float
-    mean_abs_shear_deg: float
+    mean_abs_shear_deg: float  # mean absolute difference of the shear angle, degrees
     load_ratio: float
     energy_ratio: float
 
@@ -65,13 +54,9 @@ def solve_membranes(
     bending : bool, optional
         Of finite deformation: whether yarns resist bending; by default as in the network.
 
-    Returns
-    -------
-    list
-        A HyperelasticResult for each state of a finite test; of small displacements, where states
-        are in proportion, a MembraneResult for the last one.
-
-    Raises InputError on every rank if there is no membrane of such a test.
+    Returns a HyperelasticResult for each state of a finite test; of small displacements, where
+    states are in proportion, a MembraneResult for the last one. Raises InputError on every rank if
+    there is no membrane of such a test.
     """
     experiment, network = result.experiment, result.network
     if experiment.reference == "free":
@@ -216,18 +201,10 @@ def compare_fields(
     singular = shapely.multipoints(membrane.singular_points)
     far = ~(shapely.distance(singular, shapely.points(points)) < SINGULAR_RADIUS * membrane.width)
     has_shear = np.isfinite(gamma_net) & far
-    off = (np.asarray(gamma_net) - gamma)[has_shear]
-    sums = [
-        len(u),
-        ((np.reshape(u_net, u.shape) - u) ** 2).sum(),
-        (u**2).sum(),
-        len(off),
-        (off**2).sum(),
-        (gamma[has_shear] ** 2).sum(),
-        abs(off).sum(),
-    ]
-    sums = comm.allreduce(np.array(sums, float))
-    count, u_off, u_all, count_shear, shear_off, shear_all, shear_abs = sums
+    gamma, off = gamma[has_shear], (np.asarray(gamma_net) - gamma)[has_shear]
+    squares = [(x**2).sum() for x in (np.reshape(u_net, u.shape) - u, u, off, gamma)]
+    sums = comm.allreduce(np.array([len(u), len(off), abs(off).sum(), *squares], float))
+    count, count_shear, shear_abs, u_off, u_all, shear_off, shear_all = sums
     return Comparison(
         points=int(count),
         points_shear=int(count_shear),

@@ -128,14 +128,12 @@ class HyperelasticMembrane(MembraneDomain):
 
 
 class HyperelasticResult(MembraneFields):
-    """Equilibrium of a hyperelastic membrane, with what is measured on it. Collective when made.
+    """Equilibrium of a hyperelastic membrane; see MembraneFields. Collective when made.
 
     Attributes
     ----------
-    membrane, displacement, nodal_force, load, extension
-        See MembraneFields; `edge_force` gives the force on any edge.
-    energy, energy_tension, energy_shear, energy_bending : float
-        Strain energy in joules.
+    energy_tension, energy_shear, energy_bending : float
+        Parts of the energy, joules.
     folded_area : float
         Area at rest whose shear angle is beyond 90 degrees, m^2.
     stable : bool or None
