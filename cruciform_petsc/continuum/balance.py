@@ -233,8 +233,8 @@ class Balance:
 
     def folded_area(self) -> float:
         """Area at rest whose shear angle is beyond 90 degrees, m^2. Collective."""
-        folded = self._weight[np.cos(self.measures[..., 2]) <= 0].sum()
-        return self.comm.allreduce(float(folded))
+        folded = np.cos(self.measures[..., 2]) <= 0
+        return float(self.comm.allreduce(self._weight[folded].sum()))
 
     # -- from one equilibrium to the next -------------------------------------------------------
 
@@ -284,11 +284,11 @@ class Balance:
     def _step_to(self, motions: Motions) -> bool:
         """Move the edges and find equilibrium; False, and any state, if there is none to be found.
 
-        First by mixed Newton steps: the geometric stiffness takes the stress that the last step
-        was to lead to, not that of where it led, which for stiff yarns is far larger as turning by
-        small displacements stretches them ("mixed integration point" method: Magisano, Leonetti
-        and Garcea 2017, Comput. Methods Appl. Mech. Eng. 313). Should these go astray, by descent
-        of the energy from where the edges were moved.
+        First along the tangent, as the edges move. Then by mixed Newton steps: the geometric
+        stiffness takes the stress that the last step was to lead to, not that of where it led,
+        which for stiff yarns is far larger as turning by small displacements stretches them ("mixed
+        integration point" method: Magisano, Leonetti and Garcea 2017, Comput. Methods Appl. Mech.
+        Eng. 313). Should these go astray, by descent of the energy from where the edges were moved.
         """
         given = [
             (name, component, partial(_displacement, motions[name], component))
@@ -297,8 +297,12 @@ class Balance:
         moved = self.membrane.prescribe(given)[1].ravel()
         gap = np.where(self.fixed.ravel(), moved - self.u.x.array, 0.0)
         self.turn_clamps(motions)
+        self._step.x.array[:] = gap
         try:
-            if not self._follow(gap):
+            self._set_up(self.assemble())
+            # Also if not in balance yet, for the directions of fibres turn with their clamps.
+            force = self.force() + self.membrane.nodal_forces(self._times_step)
+            if not self._go(self._solve(force) + gap, 1.0):
                 return False
             moved = self.u.x.array.copy()
             if self._iterate(MAX_MIXED, self._mixed_step):
@@ -307,14 +311,6 @@ class Balance:
             return self.update() and self._iterate(MAX_DESCENT, self._descend)
         except SolverError:
             return False
-
-    def _follow(self, gap: np.ndarray) -> bool:
-        """Move along the tangent as the prescribed components do by `gap`."""
-        self._step.x.array[:] = gap
-        self._set_up(self.assemble())
-        # Also if not in balance yet, for the directions of fibres turn with their clamps.
-        force = self.force() + self.membrane.nodal_forces(self._times_step)
-        return self._go(self._solve(force) + gap, 1.0)
 
     def _go(self, step: np.ndarray, least: float, most: float = np.inf, slope: float = 0.0) -> bool:
         """Add a step, or a part down to `least`, and predict the stress by the tangent.

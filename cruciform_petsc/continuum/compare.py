@@ -85,28 +85,21 @@ def compare_with_membrane(
     """
     membrane = membrane or solve_membranes(result)[-1]
     fields, network = result.states[state].fields, result.network
-    carrying = fields["carrying"]
+    places = network.crossover_position, fields["displacement"], fields["shear_angle"]
+    points, u, gamma = (values[fields["carrying"]] for values in places)
+    energy = sum(energies[state] for energies in result.energies().values())
     return compare_fields(
-        network.comm,
-        network.crossover_position[carrying],
-        fields["displacement"][carrying],
-        fields["shear_angle"][carrying],
-        result.states[state].load,
-        sum(energy[state] for energy in result.energies().values()),
-        membrane,
+        network.comm, points, u, gamma, result.states[state].load, energy, membrane
     )
 
 
 @dataclass
 class Reference:
-    """A test beside its membranes, as plain data for files.
-
-    There is one of ``differences`` for each of ``membranes`` (see solve_membranes).
-    """
+    """A test beside its membranes, as plain data for files."""
 
     result: TestResult
-    membranes: list[Any]
-    differences: list[Comparison]
+    membranes: list[Any]  # see solve_membranes
+    differences: list[Comparison]  # one for each of them
 
     @classmethod
     def solve(
@@ -114,12 +107,8 @@ class Reference:
     ) -> Reference:
         """Solve the membranes and compare; see solve_membranes. Collective."""
         membranes = solve_membranes(result, size, bending)
-        first = len(result.states) - len(membranes)
-        differences = [
-            compare_with_membrane(result, membrane, first + i)
-            for i, membrane in enumerate(membranes)
-        ]
-        return cls(result, membranes, differences)
+        states = enumerate(membranes, len(result.states) - len(membranes))
+        return cls(result, membranes, [compare_with_membrane(result, m, i) for i, m in states])
 
     def summary(self, without: TestResult | None = None) -> dict[str, Any]:
         """Differences and the membrane's figures by name. Collective.
@@ -192,8 +181,7 @@ def compare_fields(
         Newtons, joules; of the whole network, the same on every rank.
     membrane_result : MembraneResult, HyperelasticResult
 
-    Returns the same on every rank; raises InputError on every rank if a point lies outside of the
-    membrane.
+    Raises InputError on every rank if a point lies outside of the membrane.
     """
     membrane = membrane_result.membrane
     field = membrane_result.evaluate(points)

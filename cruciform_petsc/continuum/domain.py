@@ -121,10 +121,6 @@ class MembraneDomain:
         name = type(self).__name__
         return f"{name}({self.cells} triangles of {self.size:.3g} m, {self.dofs} unknowns)"
 
-    def strain(self, u: Any) -> tuple[Any, Any, Any]:
-        """Warp strain, weft strain and shear angle of a displacement, as UFL expressions."""
-        raise NotImplementedError
-
     def constant(self, value: Any) -> dolfinx.fem.Constant:
         """Value of a UFL form that is the same everywhere."""
         return dolfinx.fem.Constant(self.mesh, np.asarray(value, PETSc.ScalarType))
@@ -267,12 +263,11 @@ class MembraneFields:
     Attributes
     ----------
     membrane : MembraneDomain
+        Its method `strain` gives warp strain, weft strain and shear angle as UFL expressions.
     displacement : dolfinx.fem.Function
         Metres.
     nodal_force : float (num_nodes_owned, 2)
-        Derivative of the energy, newtons.
-    energy : float
-        Strain energy in joules.
+        Derivative of the strain `energy` (joules), newtons.
     load, extension : float
         Force on the edge "upper" along y in newtons, and its mean displacement along y less that
         of "lower" in metres; nan where the preform has no such edge.
@@ -332,11 +327,8 @@ class MembraneFields:
         last in radians.
         """
         u, strain = evaluate(self.membrane.mesh, [self.displacement, self.strains], points)
-        names = ("warp_strain", "weft_strain", "shear_angle")
-        return {"displacement": u, **dict(zip(names, strain.T.copy(), strict=True))}
-
-
-# -- outlines -----------------------------------------------------------------------------------
+        warp, weft, shear = strain.T.copy()
+        return {"displacement": u, "warp_strain": warp, "weft_strain": weft, "shear_angle": shear}
 
 
 def check_upper(upper: str) -> int | None:
@@ -373,9 +365,8 @@ def singular_points(preform: Any) -> np.ndarray:
     outline = shapely.geometry.polygon.orient(preform.outline)
     for ring in (outline.exterior, *outline.interiors):
         corner = shapely.get_coordinates(shapely.remove_repeated_points(ring))[:-1]
-        before, after = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        turn = np.arctan2(cross, (before * after).sum(axis=1))
+        side = (np.roll(corner, -1, axis=0) - corner) @ [1, 1j]
+        turn = np.angle(side / np.roll(side, 1))
         points.append(corner[turn < -RE_ENTRANT])
     return np.concatenate(points)
 

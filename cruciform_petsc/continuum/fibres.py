@@ -94,7 +94,7 @@ def resultants(fabric: Any, measures: np.ndarray) -> tuple[np.ndarray, np.ndarra
     strain, rate, change = fabric.effective_strain(measures[..., :2])
     laws = (fabric.warp_tension, fabric.weft_tension, fabric.shear)
     arguments = (strain[..., 0], strain[..., 1], measures[..., 2])
-    values = [law.evaluate(x) for law, x in zip(laws, arguments, strict=True)]
+    values = np.array([law.evaluate(x) for law, x in zip(laws, arguments, strict=True)])
     energy, stress, moduli = np.moveaxis(values, 0, -1)  # (..., 3) each
     stress[..., :2] += c12 * strain[..., ::-1]
     moduli[..., :2] = moduli[..., :2] * rate**2 + stress[..., :2] * change

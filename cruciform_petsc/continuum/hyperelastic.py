@@ -25,18 +25,10 @@ Motion = tuple[Any, Any] | tuple[Any, Any, int | None]
 class HyperelasticMembrane(MembraneDomain):
     """Membrane of any strains and rotations, with a fabric's laws. Collective.
 
-    Parameters
-    ----------
-    comm, preform, size, degree, grading
-        See MembraneDomain. Bending needs degree 2 or more.
-    fabric
-        A Fabric: its laws `shear`, `warp_tension` and `weft_tension`, `c12`, and its
-        `effective_strain` (engineering or logarithmic, softened in compression).
-    bending : bool
-        Whether yarns resist bending in the plane (a second-gradient membrane).
-
-    Without a given size the triangles are 1/40 to 1/15 of the width, as the layers along yarns or,
-    with bending, beside clamps ask for.
+    Parameters and attributes as of MembraneDomain. ``bending`` tells whether yarns resist bending
+    in the plane (a second-gradient membrane); that needs degree 2 or more. Without a given size the
+    triangles are 1/40 to 1/15 of the width, as the layers along yarns or, with bending, beside
+    clamps ask for.
     """
 
     def __init__(
