@@ -19,7 +19,6 @@ from .calibration import (
     Calibration,
     Prediction,
     Specimen,
-    calibrate,
     calibrate_together,
     predict,
     read_curve,
@@ -32,8 +31,6 @@ from .net.network import Network
 from .output.calibration import hold_out_summary, write
 from .parallel import on_root
 from .units import format_si
-
-__all__ = ["calibrate", "calibrate_case", "predict"]
 
 
 def calibrate_case(
@@ -48,33 +45,28 @@ def calibrate_case(
 ) -> dict[str, Any]:
     """Identify the shear law of a case's fabric and write the results into a folder. Collective.
 
-    Of the case's [test] only ``kind`` (bias-extension or picture-frame), ``upper`` and ``bending``
-    count: the displacements are those measured, the deformation is finite.
+    Of a case's [test] only ``kind`` (bias-extension or picture-frame), ``upper`` and ``bending``
+    count: the displacements are those measured, the deformation is finite. Curves are read on rank
+    0, see calibration.read_curve.
 
     Parameters
     ----------
     comm : mpi4py communicator
     case : Case
     data_path : str or Path
-        Of the measured curve, see calibration.read_curve; read on rank 0.
+        Of the measured curve.
     directory : Path
         Is there; gets law.toml, calibration.csv, calibration.png and calibration.json.
     log : logging.Logger
     hold_out : (Case, path), optional
         Another specimen of the same cloth and its measured curve, to be predicted with the law
-        found: of this case the preform and ``kind``, ``upper`` and ``bending`` of [test] count, and
-        hold_out.csv is written.
+        found; hold_out.csv is written.
     also : sequence of (Case, path)
         Further specimens of the cloth and their curves that the law is to follow, too.
     weights : sequence of float, optional
         Of the curves, the first one's first; default: all alike.
 
-    Returns
-    -------
-    dict
-        The summary.
-
-    Raises InputError or SolverError on every rank.
+    Returns the summary; raises InputError or SolverError on every rank.
     """
     fitted = [(case, data_path), *also]
     tests = [_test(case, "the case"), *(_test(each, "the case beside it") for each, _ in also)]
@@ -90,8 +82,11 @@ def calibrate_case(
     log.info("%s", case.title)
     log.info("           %r", fabric)
     log.info("           %r", case.preform())
-    networks = [Network(comm, each.preform(), fabric) for each, _ in fitted]
-    crossovers = networks[0].statistics()["crossovers"]
+    specimens = [
+        Specimen(Network(comm, each.preform(), fabric), curve, weight=weight, **test)
+        for (each, _), curve, weight, test in zip(fitted, curves, weights, tests, strict=True)
+    ]
+    crossovers = specimens[0].network.statistics()["crossovers"]
     d, f = curves[0].displacement, curves[0].force
     log.info("           %d crossovers", crossovers)
     log.info(
@@ -103,10 +98,7 @@ def calibrate_case(
         points = len(curve.force)
         log.info('           beside it %s, %d points of "%s"', other.title, points, path)
     found = calibrate_together(
-        [
-            Specimen(network, curve, weight=weight, **test)
-            for network, curve, weight, test in zip(networks, curves, weights, tests, strict=True)
-        ],
+        specimens,
         options=case.solver.options,
         told=lambda text: log.info("           %s", text),
     )

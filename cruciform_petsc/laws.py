@@ -238,7 +238,7 @@ def _listed(kind: float, coefficients: Sequence[float]) -> Potential:
     return Potential((kind, float(len(numbers)), *numbers))
 
 
-def table(x: Sequence[float], y: Sequence[float]) -> Potential:
+def table(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> Potential:
     """Run w' through points and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
 
     Odd in x. Beyond the last point it goes straight on with the slope there.

@@ -24,24 +24,7 @@ from ..units import to_si
 # Past this share of the length a tenth of a per cent of the deflection is a tenth of the rigidity.
 LARGEST_DEFLECTION = 0.98
 SMALLEST_DEFLECTION = 1e-6
-
-
-def tip_deflection(load_number: float) -> float:
-    """Deflection of the tip over the length, w/L, for the load number P L^2/EI, not negative."""
-    if not (math.isfinite(load_number) and load_number >= 0.0):
-        raise InputError(
-            f"the load number P L^2/EI must be finite and not negative, got {load_number:g}"
-        )
-    if load_number < 1e-5:
-        return load_number / 3.0  # the integrals lose digits; the next term is of 3rd order
-    if load_number > 2500.0:
-        # Straight along the load but near the clamp, to exp(-50): E(1) - E(pi/4, 1) = 1 - 1/sqrt 2.
-        return 1.0 - (2.0 - math.sqrt(2.0)) / math.sqrt(load_number)
-    from scipy.optimize import brentq
-
-    # 1 - p^2 over many decades, as the tip's direction nears that of the load.
-    u = brentq(lambda v: _elastica(math.exp(-v))[0] - load_number, math.log(2.0), 200.0, xtol=1e-15)
-    return _elastica(math.exp(-u))[1]
+STRAIGHT = 1e-5  # below, w/L is a third of P L^2/EI to second order, and the integrals lose digits
 
 
 def bending_rigidity(load: float | str, length: float | str, deflection: float | str) -> float:
@@ -78,8 +61,10 @@ def bending_rigidity(load: float | str, length: float | str, deflection: float |
             f"between {SMALLEST_DEFLECTION:g} and {LARGEST_DEFLECTION:g}"
         )
     number = 3.0 * share
-    if number >= 1e-5:
-        number = brentq(lambda n: tip_deflection(n) - share, 0.5 * number, 5e3, rtol=1e-12)
+    if share > STRAIGHT:
+        # 1 - p^2 over many decades, as the tip's direction nears that of the load.
+        u = brentq(lambda v: _elastica(math.exp(-v))[1] - share, math.log(2.0), 80.0, xtol=1e-15)
+        number = _elastica(math.exp(-u))[0]
     return force * along**2 / number
 
 

@@ -20,6 +20,10 @@ FEWEST_POINTS = 4
 # Fall of the displacement, over its range, that is a turn of the machine and no noise.
 TURN = 0.02
 _COLUMNS = (("displacement", "m"), ("force", "N"))
+_PROBLEMS: dict[type[OSError], str] = {
+    FileNotFoundError: "does not exist",
+    IsADirectoryError: "is a folder, name a CSV file in it",
+}
 _EXAMPLE = 'write for example "displacement [mm], force [N]"'
 
 
@@ -33,12 +37,12 @@ class MeasuredCurve:
 
     @classmethod
     def from_points(cls, displacement, force, most: int = MOST_POINTS) -> MeasuredCurve:
-        """Sort, average and check points.
+        """Sort, average and check points, in m and N.
 
-        In m and N. Points at rest (zero displacement) say nothing and are left out. Equal
-        displacements are averaged, and so are all within each of ``most`` equal steps, if there are
-        more points. InputError for numbers that are not finite or negative, a displacement that
-        turns back, too few points, a force that is not positive.
+        Points at rest (zero displacement) say nothing and are left out. Equal displacements are
+        averaged, and so are all within each of ``most`` equal steps, if there are more points.
+        InputError for numbers that are not finite or negative, a displacement that turns back, too
+        few points, a force that is not positive.
         """
         d, f = np.array(displacement, float), np.array(force, float)
         if d.shape != f.shape or d.ndim != 1:
@@ -71,7 +75,7 @@ class MeasuredCurve:
                 f"{FEWEST_POINTS} are needed"
             )
         if (f <= 0.0).any():
-            first = int(np.flatnonzero(f <= 0.0)[0])
+            first = (f <= 0.0).argmax()
             raise InputError(
                 f"the force of the measured curve must be positive, it is "
                 f"{format_si(f[first], 'N')} at {format_si(d[first], 'm')}; take the slack out"
@@ -81,11 +85,8 @@ class MeasuredCurve:
     @classmethod
     def joined(cls, curves: Sequence[MeasuredCurve]) -> MeasuredCurve:
         """The points of several curves, one curve after the other."""
-        return cls(
-            np.concatenate([curve.displacement for curve in curves]),
-            np.concatenate([curve.force for curve in curves]),
-            sum(curve.rows for curve in curves),
-        )
+        d, f = np.hstack([[curve.displacement, curve.force] for curve in curves])
+        return cls(d, f, sum(curve.rows for curve in curves))
 
 
 def read_curve(path: str | Path) -> MeasuredCurve:
@@ -111,13 +112,11 @@ def read_curve(path: str | Path) -> MeasuredCurve:
     units = rows[0][1] if rows else []
     if len(units) == len(titles) and all(_number(cell, comma) is None for cell in units):
         # Some machines write the units into a line of their own.
-        titles = [
-            f"{title} [{unit.strip('()[]')}]" for title, unit in zip(titles, units, strict=True)
-        ]
-        rows = rows[1:]
+        pairs = zip(titles, units, strict=True)
+        titles, rows = [f"{title} [{unit.strip('()[]')}]" for title, unit in pairs], rows[1:]
     columns = []
     for what, unit in _COLUMNS:
-        factors = [(i, _factor_in(title, unit)) for i, title in enumerate(titles)]
+        factors = ((i, _factor_in(title, unit)) for i, title in enumerate(titles))
         found = [(i, factor) for i, factor in factors if factor is not None]
         if len(found) != 1:
             raise InputError(
@@ -150,12 +149,9 @@ def _lines(path: Path, name: str) -> list[tuple[int, str]]:
     """Lines with their numbers, without comments and empty ones."""
     try:
         data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{name} does not exist") from None
-    except IsADirectoryError:
-        raise InputError(f"{name} is a folder, name a CSV file in it") from None
     except OSError as error:
-        raise InputError(f"{name} cannot be read: {error.strerror}") from None
+        problem = _PROBLEMS.get(type(error), f"cannot be read: {error.strerror}")
+        raise InputError(f"{name} {problem}") from None
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -170,9 +166,8 @@ def _number(cell: str, delimiter: str) -> float | None:
     """Read a number; a decimal comma only where commas do not part columns."""
     if delimiter != "," and cell.count(",") == 1 and "." not in cell:
         cell = cell.replace(",", ".")
-    if not re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", cell):
-        return None
-    return float(cell)
+    is_number = re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", cell)
+    return float(cell) if is_number else None
 
 
 def _factor_in(title: str, unit: str) -> float | None:

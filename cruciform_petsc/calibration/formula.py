@@ -46,32 +46,19 @@ def torque_from_loads(
     g = net_angle(displacement, length - width)
     reached = g <= LARGEST_ANGLE  # NaN is not
     g, force = g[reached], np.asarray(force, float)[reached]
-    angle, torque = np.zeros(len(g) + 1), np.zeros(len(g) + 1)
-    angle[1:] = g
-    for i in range(1, len(angle)):
-        half = 0.5 * angle[i]
-        j = min(int(np.searchsorted(angle[: i + 1], half)), i)
-        share = (half - angle[j - 1]) / (angle[j] - angle[j - 1])
-        right = (length / width - 1.0) * force[i - 1] * (np.cos(half) - np.sin(half))
-        left = 2.0 * length - 3.0 * width
-        right -= width * (1.0 - share) * torque[j - 1]
-        if j == i:  # C(g/2) on the line to C(g) itself
-            left += width * share
-        else:
-            right -= width * share * torque[j]
-        torque[i] = right / left
-    return angle[1:], torque[1:]
+    half, known = 0.5 * g, np.append(0.0, g)
+    # Of C(g/2) by the values C(g).
+    between = [np.interp(half, known, one) for one in np.eye(len(known))[1:]]
+    matrix = (2.0 * length - 3.0 * width) * np.eye(len(g))
+    matrix += width * np.reshape(between, matrix.shape).T
+    right = (length / width - 1.0) * force * (np.cos(half) - np.sin(half))
+    return g, np.linalg.solve(matrix, right)
 
 
 def frame_angle(displacement: np.ndarray | float, sides: tuple[float, float]) -> np.ndarray:
     """Shear angle of a picture frame, rad; NaN from where it is closed.
 
-    Parameters
-    ----------
-    displacement : float (n,)
-        Growth of the longer diagonal, m.
-    sides : (float, float)
-        Between the hinges, m.
+    ``displacement`` is the growth of the longer diagonal, ``sides`` are between the hinges, m.
     """
     a, b = sides
     diagonal = np.hypot(a, b) + np.asarray(displacement, float)
@@ -82,15 +69,7 @@ def frame_angle(displacement: np.ndarray | float, sides: tuple[float, float]) ->
 def torque_from_frame(
     displacement: np.ndarray, force: np.ndarray, sides: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles g, rad, and C(g), N/m, of a picture frame that is not yet closed.
-
-    Parameters
-    ----------
-    displacement, force : float (n,)
-        Of the longer diagonal.
-    sides : (float, float)
-        Between the hinges, filled with cloth, m.
-    """
+    """Angles g, rad, and C(g), N/m, of a frame full of cloth; see frame_angle."""
     g = frame_angle(displacement, sides)
     diagonal = np.hypot(*sides) + np.asarray(displacement, float)
     return g, np.asarray(force, float) * np.cos(g) / diagonal

@@ -26,20 +26,18 @@ import numpy as np
 from mpi4py import MPI
 
 from ..errors import CruciformError, EquilibriumError, InputError
-from ..laws import Potential, linear
+from ..laws import Potential, linear, table
 from ..net.network import Network
 from .curve import MeasuredCurve
 from .load_curve import DOUBLED, PLACE, LoadCurve, Loads
-from .result import Assumption, Calibration, Prediction, rms
-from .rising import Bounds, RisingTable, law_of, rising_law, table_angles, value_changes
+from .result import Assumption, Calibration, Estimate, Prediction, estimate, rms
+from .rising import Bounds, RisingTable, rising_law, table_angles, value_changes
 from .specimen import Specimen
-from .statistics import Estimate, estimate
 
 SMOOTHING = 0.3
 LEAST_NOISE = 0.01  # relative; loads are not measured better, however well a curve may fit
-TOLERANCE = 1e-5  # relative change of the sum that ends the iterations
-FLAT = 1e-7  # of the sum's slope
-MOST_EVALUATIONS = 40
+# What ends the iterations: relative changes of the sum and of the parameters, the sum's slope.
+ENDS: dict[str, Any] = {"ftol": 1e-5, "xtol": 1e-10, "gtol": 1e-7, "max_nfev": 40}
 _LEAST = "the sum of squares is at its least"
 _ENDED = {
     0: "the iterations were as many as are allowed",
@@ -62,8 +60,8 @@ def calibrate(
     displacement, force : sequence of float
         Measured [m, N]; or a MeasuredCurve instead of the two.
     **settings
-        ``kind``, ``upper``, ``bending``: see Specimen. The others: see calibrate_together, which
-        also tells what is raised.
+        ``kind``, ``upper``, ``bending``: see Specimen. The others, and errors raised: see
+        calibrate_together.
     """
     test = {key: settings.pop(key) for key in ("kind", "upper", "bending") if key in settings}
     curve = _curve(displacement, force, "calibrate")
@@ -99,11 +97,8 @@ def calibrate_together(
     told : callable, optional
         Told a line for each step.
 
-    Raises
-    ------
-    InputError, SolverError
-        On every rank: bad data; no equilibrium with the start, for instance because no network of
-        this shape can be extended as far as the data go.
+    InputError or SolverError on every rank: bad data; no equilibrium with the start, for instance
+    because no network of this shape can be extended as far as the data go.
     """
     begin, told = time.perf_counter(), told or _LOG.info
     if not (np.isfinite(smoothing) and smoothing > 0.0):
@@ -122,8 +117,8 @@ def calibrate_together(
             start_from, first = _first_law(curves)
             start = [curve.solve(first) for curve in curves]
             reached = max(float(part.angles.max()) for part in start)
-            table = RisingTable(table_angles(angles, reached), first, bounds)
-            fit = _Fit(curves, start, table, smoothing, told)
+            rising = RisingTable(table_angles(angles, reached), first, bounds)
+            fit = _Fit(curves, start, rising, smoothing, told)
             start_loads = fit.loads
             told(f"start from the {start_from}, RMS {fit.percent}")
             message, evaluations = fit.minimise(comm)
@@ -141,7 +136,7 @@ def calibrate_together(
             first,
             start_from,
             start_loads,
-            table.angles,
+            rising.angles,
             fit.values,
             comm.bcast(fit.estimate()),
             comm.bcast(fit.assumptions()),
@@ -165,15 +160,9 @@ def predict(
 ) -> Prediction:
     """Predict a measured load curve of another specimen. Collective.
 
-    Parameters
-    ----------
-    law : Calibration or Potential
-        What was identified elsewhere; of a Calibration the whole fabric is taken, else the
-        network's fabric with this law of shear.
-    network : Network
-        Of the specimen to predict.
-    displacement, force, options, **test
-        See calibrate.
+    The ``law`` was identified elsewhere: of a Calibration the whole fabric is taken, else the
+    network's fabric with this law of shear. The network is that of the specimen to predict; for the
+    others see calibrate.
 
     InputError or SolverError on every rank: bad data, or no equilibrium at a displacement.
     """
@@ -222,38 +211,31 @@ def _first_law(curves: Sequence[LoadCurve]) -> tuple[str, Potential]:
 class _Fit:
     """The sum of squares over the parameters z of a rising table, and the last accepted step.
 
-    Attributes
-    ----------
-    curve : MeasuredCurve
-        Of all specimens.
-    solved : list of Loads
-    z, values : float (m,)
-        Parameters and table.
-    relative, by_z : float (n + m - 2, m)
-        Derivatives, by the logarithms of the values and by z, of what is squared and summed: n
-        weighted relative errors, then second differences.
+    Of that step ``solved`` are the loads, ``values`` (m,) the table, ``relative`` and ``by_z``
+    (n + m - 2, m) the derivatives, by the logarithms of the values and by z, of what is squared and
+    summed: n weighted relative errors, then second differences.
     """
 
     def __init__(
         self,
         curves: Sequence[LoadCurve],
         start: list[Loads],
-        table: RisingTable,
+        rising: RisingTable,
         smoothing: float,
         told: Callable[[str], None],
     ):
-        self._curves, self.solved, self.table, self._told = curves, start, table, told
+        self._curves, self.solved, self._rising, self._told = curves, start, rising, told
         specimens = [curve.specimen for curve in curves]
         self.curve = MeasuredCurve.joined([s.curve for s in specimens])
         sizes = [len(s.curve.force) for s in specimens]
         weight = np.repeat([s.weight / n for s, n in zip(specimens, sizes, strict=True)], sizes)
         self._weight = np.sqrt(weight / weight.sum())
-        self._bends = smoothing / np.sqrt(max(len(table.bends), 1)) * table.bends
+        self._bends = smoothing / np.sqrt(max(len(rising.bends), 1)) * rising.bends
         self.steps = -1  # the table to start from is none
 
     @property
     def loads(self) -> np.ndarray:
-        """Loads of the last step, N."""
+        """Of the last step, N."""
         return np.concatenate([part.loads for part in self.solved])
 
     @property
@@ -262,14 +244,13 @@ class _Fit:
         return f"{100.0 * rms(self.loads / self.curve.force - 1.0):.2f} %"
 
     def _sum_of(self, loads: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """What is squared and summed."""
         errors = self._weight * (loads / self.curve.force - 1.0)
         return np.concatenate([errors, self._bends @ np.log(values)])
 
     def residuals(self, z: np.ndarray) -> np.ndarray:
         """What is squared and summed at z; not finite if there is no equilibrium. Collective."""
-        values = self.table.values(z)[0]
-        law = law_of(self.table.angles, values)
+        values = self._rising.values(z)[0]
+        law = table(self._rising.angles, values)
         pairs = zip(self._curves, self.solved, strict=True)
         try:
             self._trial = [curve.solve(law, start) for curve, start in pairs]
@@ -282,10 +263,10 @@ class _Fit:
     def jacobian(self, z: np.ndarray) -> np.ndarray:
         """Accept z, whose residuals were worked out last; their derivatives by z. Collective."""
         self.z, self.solved, self.steps = z, self._trial, self.steps + 1
-        self.values, self._slopes = self.table.values(z)
+        self.values, self._slopes = self._rising.values(z)
         if self.steps:
             self._told(f"step {self.steps}, RMS {self.percent}")
-        changes = partial(value_changes, self.table.angles, self.values)
+        changes = partial(value_changes, self._rising.angles, self.values)
         pairs = zip(self._curves, self.solved, strict=True)
         rates = np.concatenate([curve.derivatives(at, changes) for curve, at in pairs])
         data = (self._weight / self.curve.force)[:, None] * rates * self.values
@@ -314,17 +295,10 @@ class _Fit:
 
         from scipy.optimize import least_squares
 
+        residuals, jacobian = partial(ask, "residuals"), partial(ask, "jacobian")
+        start, box = self._rising.start, self._rising.box
         try:
-            found = least_squares(
-                partial(ask, "residuals"),
-                self.table.start,
-                partial(ask, "jacobian"),
-                self.table.box,
-                ftol=TOLERANCE,
-                xtol=1e-10,
-                gtol=FLAT,
-                max_nfev=MOST_EVALUATIONS,
-            )
+            found = least_squares(residuals, start, jacobian, box, **ENDS)
         except CruciformError:  # by what was asked, on all ranks
             raise
         except Exception as error:
@@ -346,7 +320,8 @@ class _Fit:
         """What other values of what was assumed would change. Collective."""
         from scipy.optimize import lsq_linear
 
-        room = self.table.box - self.z + 1e-12 * np.array([[-1.0], [1.0]])  # on both sides of zero
+        # With zero between the two sides.
+        room = self._rising.box - self.z + [[-1e-12], [1e-12]]
         result = {}
         for what in (*DOUBLED, PLACE):
             pairs = zip(self._curves, self.solved, strict=True)

@@ -20,7 +20,7 @@ from ..cloth.fabric import Fabric
 from ..equilibrium.follow import follow
 from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Step
-from ..equilibrium.state import Found, State
+from ..equilibrium.state import State
 from ..errors import CruciformError, EquilibriumError
 from ..experiments.bias_extension import BiasExtension
 from ..experiments.experiment import Experiment
@@ -56,16 +56,14 @@ class LoadCurve:
     def __init__(self, specimen: Specimen, options: dict | None = None):
         self.specimen, self._options = specimen, options
         self.newton_steps = 0
-        network, bending = specimen.network, specimen.bending
-        controls = specimen.curve.displacement
+        network, controls = specimen.network, specimen.curve.displacement
+        settings = {"finite": True, "bending": specimen.bending}
         self._experiment: Experiment
         if specimen.is_frame:
             controls = frame_angle(controls, specimen.sides)
-            self._experiment = PictureFrame(network, controls, finite=True, bending=bending)
+            self._experiment = PictureFrame(network, controls, **settings)
         else:
-            self._experiment = BiasExtension(
-                network, controls, upper=specimen.upper, finite=True, bending=bending
-            )
+            self._experiment = BiasExtension(network, controls, upper=specimen.upper, **settings)
         self._test = FiniteTest(self._experiment)
         self._equilibrium = Equilibrium(self._test.model, self._test.at(0.0), options)
 
@@ -80,30 +78,21 @@ class LoadCurve:
         that fails, it is followed from rest. EquilibriumError on every rank if there is none.
         """
         self._take(law)
-        found: list[tuple[float, float]] = []  # load, angle
-        states: list[State] = []
-
-        def keep(state: State, load: float, angle: float) -> None:
-            states.append(state)
-            found.append((load, angle))
-
-        def accepted(step: Step, _path) -> None:
-            self.newton_steps += step.increment.iterations
-            if step.increment.asked:
-                keep(step.state, step.increment.load, step.increment.shear_max)
-
+        steps: list[Step] = []
         try:
             for state in start.states if start else []:
-                solved: Found = self._equilibrium.solve(state)
+                solved = self._equilibrium.solve(state)
                 self.newton_steps += solved.iterations
-                measured = self._test.measure(solved)
-                keep(solved.state, measured.load, measured.shear_max)
+                steps.append(Step.of([solved], self._test.measure(solved), True, 0))
         except EquilibriumError:
-            found, states = [], []
-        if not found:
-            follow(self._equilibrium, self._test.stage(), self._test.at(0.0), accepted)
+            steps = []
+        if not steps:
+            way = follow(self._equilibrium, self._test.stage(), self._test.at(0.0))
+            self.newton_steps += sum(step.increment.iterations for step in way)
+            steps = [step for step in way if step.increment.asked]
+        found = [(step.increment.load, step.increment.shear_max) for step in steps]
         loads, angles = self.specimen.network.comm.bcast(np.transpose(found))
-        return Loads(law, loads, angles, states)
+        return Loads(law, loads, angles, [step.state for step in steps])
 
     def _take(self, law: Potential) -> None:
         """Let the network have a law; states know nothing of it."""
@@ -142,13 +131,13 @@ class LoadCurve:
         ``changes`` gives dpsi'/dp at shear angles (k,) rad, as (m, k) N/m per unit.
         """
         self._take(at.law)
-        area = self._test.ply.cruciforms.area
-        result = []
+        cruciforms, result = self._test.ply.cruciforms, []
         for state in at.states:
             moved, step = self._moved(state), STEP * state.time
-            behind, ahead = (self._quadrants(state, moved, s) for s in (-step, step))
+            near = (self._test.at(state.time + s, state.x + s * moved) for s in (-step, step))
+            behind, ahead = (cruciforms.quadrant_angles(cruciforms.arms(each)[1]) for each in near)
             load = self._experiment.load_of(1.0, state.time)
-            rate = area * (ahead - behind) / (2.0 * step) * load
+            rate = cruciforms.area * (ahead - behind) / (2.0 * step) * load
             result.append(changes(0.5 * (behind + ahead).ravel()) @ rate.ravel())
         return self.specimen.network.comm.allreduce(np.array(result))
 
@@ -156,16 +145,11 @@ class LoadCurve:
         """Change of all places per change of the control, (n_local, 2)."""
         test, control = self._test, state.time
         if self.specimen.is_frame:  # uniform; its clamps turn what they hold, too
-            ends = (self._experiment.motion("lower", control + s)[0] for s in (-STEP, STEP))
-            behind, ahead = ends
+            behind, ahead = (
+                self._experiment.motion("lower", control + s)[0] for s in (-STEP, STEP)
+            )
             return test.ply.nodes.rest @ (ahead - behind).T / (2.0 * STEP)
         return self._equilibrium.tangent_step(state, test.rate(control))[0]
-
-    def _quadrants(self, state: State, moved: np.ndarray, step: float) -> np.ndarray:
-        """Shear angle of each quadrant a step on, rad; (cruciforms, 4)."""
-        there = self._test.at(state.time + step, state.x + step * moved)
-        cruciforms = self._test.ply.cruciforms
-        return cruciforms.quadrant_angles(cruciforms.arms(there)[1])
 
 
 def _with_twice(fabric: Fabric, what: str) -> Fabric:

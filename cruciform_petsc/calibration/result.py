@@ -10,12 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..cloth.fabric import Fabric
-from ..laws import Potential
+from ..laws import Potential, table
 from .curve import MeasuredCurve
 from .load_curve import PLACE
-from .rising import law_of
 from .specimen import Specimen
-from .statistics import Estimate
 
 LARGEST_ERROR = 0.2  # relative; a value whose standard error is larger counts as not determined
 POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
@@ -58,13 +56,48 @@ class Prediction(Comparison):
 
 
 class Assumption(NamedTuple):
-    """Relative changes with another value of something assumed.
+    """Relative changes with another value of something assumed."""
 
-    Of the loads with the law as it is (n,), and to first order of the values identified (m,).
+    loads: np.ndarray  # (n,) with the law as it is
+    values: np.ndarray  # (m,) identified, to first order
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Errors of the parameters at the least of |r|^2 + |B p|^2."""
+
+    noise: float  # standard deviation of the data
+    errors: np.ndarray  # (m,) standard errors of the parameters
+    settled: float  # how many parameters the data settle; the others come from the second term
+    singular_values: np.ndarray  # (m,) of the data's derivatives, the largest first
+
+
+def estimate(
+    residuals: np.ndarray, data: np.ndarray, prior: np.ndarray, least_noise: float = 0.0
+) -> Estimate:
+    """Errors of parameters, from the covariance noise^2 (J'J + B'B)^-1.
+
+    noise^2 = |r|^2/(n - settled) with settled = trace(J (J'J + B'B)^-1 J'), the effective number of
+    parameters (Hastie, Tibshirani and Friedman 2009, The Elements of Statistical Learning, sections
+    3.2 and 3.4.1); without B that is the m of ordinary least squares.
+
+    Parameters
+    ----------
+    residuals : float (n,)
+        r, all of one standard deviation.
+    data, prior : float (n, m), (k, m)
+        J, derivatives of the residuals; and B.
+    least_noise : float
+        Data are no better than that, however well they are met.
     """
-
-    loads: np.ndarray
-    values: np.ndarray
+    inverse = np.linalg.pinv(data.T @ data + prior.T @ prior, hermitian=True)
+    settled = float(np.trace(inverse @ data.T @ data))
+    free = max(len(data) - settled, 1.0)
+    noise = max(float(np.sqrt(residuals @ residuals / free)), least_noise)
+    found = np.linalg.svd(data, compute_uv=False)
+    singular = np.pad(found, (0, data.shape[1] - len(found)))
+    errors = noise * np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    return Estimate(noise, errors, settled, singular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +127,7 @@ class Calibration(Comparison):
     @property
     def law(self) -> Potential:
         """Psi over the shear angle [N/m over rad]."""
-        return law_of(self.angles, self.values)
+        return table(self.angles, self.values)
 
     @property
     def fabric(self) -> Fabric:

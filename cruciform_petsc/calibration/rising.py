@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..laws import Potential
-from ..laws import table as table_law
+from ..laws import Potential, table
 
 # Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
 LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
@@ -30,18 +28,14 @@ class RisingTable:
         v_k = f_k + s_k z_k (1 - (f_k - f0_k)/(c_k - f0_k)),   0 <= z_k <= (c_k - f0_k)/s_k
 
     with f0 that of the start, and s the size of its rises. Without an upper bound the v_k are plain
-    sums of rises.
-
-    InputError if no rising table lies within the bounds.
+    sums of rises. InputError if no rising table lies within the bounds.
 
     Attributes
     ----------
     angles : float (m,)
         Ascending from above zero, rad.
-    start : float (m,)
-        Parameters of the table that follows the law to start from.
-    box : float (2, m)
-        Least and largest parameters.
+    start, box : float (m,), (2, m)
+        Parameters of the table that follows the law to start from; least and largest ones.
     bends : float (m - 2, m)
         Second differences over ln(angle) at the inner angles, times the mean step.
     """
@@ -73,7 +67,9 @@ class RisingTable:
         self._room = np.maximum(most - self._floor, 1e-300)
         self.start = (values - self._floor) / self._scale
         self.box = np.array([np.zeros(len(angles)), self._room / self._scale])
-        self.bends = _second_differences(np.log(angles))
+        step = np.diff(np.log(angles))[:, None]
+        slopes = np.diff(np.eye(len(angles)), axis=0) / step
+        self.bends = np.diff(slopes, axis=0) * 0.5 * (step[1:] + step[:-1])
 
     def values(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The table's values, (m,) N/m, and their derivatives by z, (m, m)."""
@@ -91,15 +87,10 @@ class RisingTable:
         return values, slopes
 
 
-def law_of(angles: np.ndarray, values: np.ndarray) -> Potential:
-    """The law of a table, rad and N/m."""
-    return table_law(list(map(float, angles)), list(map(float, values)))
-
-
 def rising_law(angles: np.ndarray, torque: np.ndarray) -> Potential:
     """Law through points of a formula, made to rise; rad and N/m."""
     torque = np.maximum.accumulate(np.maximum(torque, 0.0))
-    return law_of(angles, torque + LEAST_SLOPE * torque[-1] * angles / angles[-1])
+    return table(angles, torque + LEAST_SLOPE * torque[-1] * angles / angles[-1])
 
 
 def value_changes(angles: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -107,10 +98,9 @@ def value_changes(angles: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.
     result = []
     rises = np.diff(values, prepend=0.0)
     for k, one in enumerate(np.eye(len(values))):
-        h = (
-            1e-5 * rises[k : k + 2].min()
-        )  # PCHIP's slopes are smooth in the values where these rise
-        up, down = (law_of(angles, values + s * h * one).evaluate(at)[1] for s in (1, -1))
+        # PCHIP's slopes are smooth in the values where these rise.
+        h = 1e-5 * rises[k : k + 2].min()
+        up, down = (table(angles, values + s * h * one).evaluate(at)[1] for s in (1, -1))
         result.append((up - down) / (2.0 * h))
     return np.array(result)
 
@@ -124,20 +114,10 @@ def table_angles(angles: Any, reached: float) -> np.ndarray:
         ladder = [*inner, last] if inner else last * np.array([0.25, 0.5, 1.0])
         return np.minimum(np.deg2rad(ladder), np.deg2rad(89.0))
     result = np.array(angles, float)
-    good = result.ndim == 1 and len(result) >= 2 and np.isfinite(result).all()
-    if not (
-        good and result[0] > 0.0 and (np.diff(result) > 0.0).all() and result[-1] < 0.5 * np.pi
-    ):
+    good = result.ndim == 1 and len(result) >= 2
+    # NaN is not.
+    if not (good and (np.diff(result, prepend=0.0, append=0.5 * np.pi) > 0.0).all()):
         raise InputError(
             "angles must be two or more, ascending from above zero to less than 90 degrees"
         )
-    return result
-
-
-def _second_differences(x: np.ndarray) -> np.ndarray:
-    """Matrix (m - 2, m) from values at m places to (slope after - before)(mean of both steps)."""
-    result = np.zeros((len(x) - 2, len(x)))
-    for k, (before, after) in enumerate(pairwise(np.diff(x))):
-        mean = 0.5 * (before + after)
-        result[k, k : k + 3] = [mean / before, -mean / before - mean / after, mean / after]
     return result

@@ -45,10 +45,9 @@ class Specimen:
     @property
     def sides(self) -> tuple[float, float]:
         """Sides of a picture frame, m."""
-        size = self.network.preform.sides(OFF_RECTANGLE)
-        if size is None:
-            raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
-        return size
+        if size := self.network.preform.sides(OFF_RECTANGLE):
+            return size
+        raise InputError("a picture frame's specimen must be a rectangle, from hinge to hinge")
 
     @property
     def strip(self) -> tuple[float, float, float] | None:
@@ -64,10 +63,10 @@ class Specimen:
         return size[0], halves * size[1], halves
 
     def check(self) -> None:
-        """Refuse a kind or a weight that is none, and data past what the specimen can do.
+        """InputError for a kind or a weight that is none, and for data past what can be.
 
         That is far past where a strip's yarns lie along the pull, or where a frame is all but
-        closed. Raises InputError.
+        closed.
         """
         if not (np.isfinite(self.weight) and self.weight > 0.0):
             raise InputError(

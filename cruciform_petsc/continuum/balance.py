@@ -69,10 +69,9 @@ class Balance:
         Displacement now.
     fixed : bool (n_local, 2)
         Prescribed components of the membrane's nodes.
-    measures : float (cells, points, 3)
-        Stretches and shear angle at the quadrature points, after `update`.
-    energies : float (3,)
-        Of tension, shear and bending, joules, after `update`.
+    measures, energies : float (cells, points, 3), (3,)
+        Stretches and shear angle at the quadrature points; joules of tension, shear and bending;
+        after `update`.
     history : list of float
         Forces out of balance over the reactions, at each iteration of the last step.
     iterations, cuts : int
@@ -114,35 +113,35 @@ class Balance:
         metadata = {"quadrature_degree": degree, "quadrature_rule": "default"}
         self._dx = ufl.dx(domain=mesh, metadata=metadata)
         points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
-
-        def function(size: int) -> dolfinx.fem.Function:
-            cell = mesh.basix_cell()
-            element = basix.ufl.quadrature_element(cell, value_shape=(size,), degree=degree)
-            return dolfinx.fem.Function(dolfinx.fem.functionspace(mesh, element))
-
         # What the forms see: stress, stress in the geometric part of the tangent, moduli.
-        self._s, self._g, self._c = function(3), function(3), function(4)
+        self._s, self._g, self._c = (
+            dolfinx.fem.Function(
+                dolfinx.fem.functionspace(
+                    mesh,
+                    basix.ufl.quadrature_element(mesh.basix_cell(), (size,), degree=degree),
+                )
+            )
+            for size in (3, 3, 4)
+        )
         owned = mesh.topology.index_map(2).size_local
         self._cells = np.arange(owned, dtype=np.int32)
         self._slot = self._s.function_space.dofmap.list[:owned]
         corners = mesh.geometry.x[mesh.geometry.dofmap[:owned]][..., :2]
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        twice_area = abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        twice_area = abs(np.linalg.det(np.diff(corners, axis=1)))
         self._weight = twice_area[:, None] * weights
         # Size of the largest triangle at each node.
         self._size = np.zeros(len(membrane.nodes))
         at = membrane.space.dofmap.list[:owned]
-        np.maximum.at(self._size, at, np.broadcast_to(np.sqrt(twice_area)[:, None], at.shape))
-        q = measures(self.u, membrane.directions)
-        self._measures = dolfinx.fem.Expression(q, points)
-        self._changes = dolfinx.fem.Expression(ufl.derivative(q, self.u, self._step), points)
+        np.maximum.at(self._size, at, np.sqrt(twice_area)[:, None])
+        self._q = measures(self.u, membrane.directions)
+        self._measures = dolfinx.fem.Expression(self._q, points)
+        self._changes = dolfinx.fem.Expression(ufl.derivative(self._q, self.u, self._step), points)
 
     def _make_forms(self, rigidity: np.ndarray) -> None:
-        membrane, u, c = self.membrane, self.u, self._c
+        membrane, u, q, c = self.membrane, self.u, self._q, self._c
         v, du = ufl.TestFunction(membrane.space), ufl.TrialFunction(membrane.space)
-        q = measures(u, membrane.directions)
         dq, q_du = ufl.derivative(q, u, v), ufl.derivative(q, u, du)
-        moduli = ufl.as_matrix([[c[0], c[2], 0], [c[2], c[1], 0], [0, 0, c[3]]])
+        moduli = ufl.as_matrix([[c[0], c[3], 0], [c[3], c[1], 0], [0, 0, c[2]]])
         force = ufl.dot(self._s, dq) * self._dx
         geometric = ufl.dot(self._g, ufl.derivative(dq, u, du))
         tangent = (ufl.dot(dq, moduli * q_du) + geometric) * self._dx
@@ -163,18 +162,16 @@ class Balance:
             self._bending_energy = dolfinx.fem.form(energy)
             bending_force = ufl.derivative(energy, u, v)
             force, tangent = force + bending_force, tangent + ufl.derivative(bending_force, u, du)
-        self._force = dolfinx.fem.form(force)
-        self._tangent = dolfinx.fem.form(tangent)
+        self._force, self._tangent = dolfinx.fem.form(force), dolfinx.fem.form(tangent)
         self._times_step = dolfinx.fem.form(ufl.action(tangent, self._step))
 
     # -- state ----------------------------------------------------------------------------------
 
     def _at_points(self, expression: dolfinx.fem.Expression) -> np.ndarray:
         """Values (cells, points, 3) at the quadrature points."""
-        shape = (*self._weight.shape, 3)
-        none = len(self._cells) == 0
-        values = np.zeros(0) if none else expression.eval(self.membrane.mesh, self._cells)
-        return np.reshape(values, shape)
+        some = len(self._cells) > 0
+        values = expression.eval(self.membrane.mesh, self._cells) if some else np.zeros(0)
+        return np.reshape(values, (*self._weight.shape, 3))
 
     def _put(self, function: dolfinx.fem.Function, values: np.ndarray) -> None:
         function.x.array.reshape(-1, values.shape[-1])[self._slot] = values
@@ -197,10 +194,9 @@ class Balance:
         if not self.comm.allreduce(bool(good), MPI.LAND):
             return False
         energy, self.stress, self.moduli = resultants(self.membrane.fabric, self.measures)
-        local = np.zeros(3)
-        local[:2] = np.einsum("cq,cqe->e", self._weight, energy)
-        if self._bending_energy is not None:
-            local[2] = dolfinx.fem.assemble_scalar(self._bending_energy)
+        form = self._bending_energy
+        bending = 0.0 if form is None else dolfinx.fem.assemble_scalar(form)
+        local = np.append(np.einsum("cq,cqe->e", self._weight, energy), bending)
         self.energies = self.comm.allreduce(local)
         return bool(np.isfinite(self.energies).all())
 
@@ -214,8 +210,7 @@ class Balance:
     ) -> PETSc.Mat:
         """Tangent, with rows and columns of prescribed components those of the unit matrix.
 
-        The stress of its geometric part (cells, points, 3) and the moduli (cells, points, 4) are
-        those of the state if not given.
+        Stress of its geometric part and moduli (see `resultants`) are the state's if not given.
         """
         self._put(self._g, self.stress if geometric is None else geometric)
         self._put(self._c, self.moduli if moduli is None else moduli)
@@ -224,9 +219,9 @@ class Balance:
         self._matrix.assemble()
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         diagonal = self._matrix.getDiagonal()
-        moved = (abs(self.u.x.array.reshape(-1, 2)) + self._size[:, None]).ravel()
-        owned = slice(0, diagonal.local_size)
-        rounding = (diagonal.array * moved[owned])[~self.fixed.ravel()[owned]]
+        moved = abs(self.u.x.array) + np.repeat(self._size, 2)
+        free = ~self.fixed.ravel()[: diagonal.local_size]
+        rounding = (diagonal.array * moved[: diagonal.local_size])[free]
         diagonal.destroy()
         self._floor = ROUNDING * float(np.sqrt(self.comm.allreduce((rounding**2).sum())))
         return self._matrix
@@ -238,17 +233,17 @@ class Balance:
 
     def folded_area(self) -> float:
         """Area at rest whose shear angle is beyond 90 degrees, m^2. Collective."""
-        folded = self._weight[np.cos(self.measures[..., 2]) <= 0].sum()
-        return self.comm.allreduce(float(folded))
+        folded = np.cos(self.measures[..., 2]) <= 0
+        return float(self.comm.allreduce(self._weight[folded].sum()))
 
     # -- from one equilibrium to the next -------------------------------------------------------
 
     def advance(self, start: Motions, target: Motions, number: int = 1) -> None:
         """Go from the equilibrium at one motion of the edges to that at another. Collective.
 
-        In one step if that works, else in smaller ones; raises SolverError when they get too small.
-        The state is then the last equilibrium. On the way rigid bodies stay rigid: edges move by
-        a part of the logarithm of what leads from one motion to the other.
+        In one step if that works, else in smaller ones; SolverError when they get too small. On the
+        way rigid bodies stay rigid: edges move by a part of the logarithm of what leads from one
+        motion to the other.
         """
         ways = {
             name: scipy.linalg.logm(np.linalg.solve(motion, target[name])).real
@@ -289,11 +284,11 @@ class Balance:
     def _step_to(self, motions: Motions) -> bool:
         """Move the edges and find equilibrium; False, and any state, if there is none to be found.
 
-        First by mixed Newton steps: the geometric stiffness takes the stress that the last step
-        was to lead to, not that of where it led, which for stiff yarns is far larger as turning by
-        small displacements stretches them ("mixed integration point" method: Magisano, Leonetti
-        and Garcea 2017, Comput. Methods Appl. Mech. Eng. 313). Should these go astray, by descent
-        of the energy from where the edges were moved.
+        First along the tangent, as the edges move. Then by mixed Newton steps: the geometric
+        stiffness takes the stress that the last step was to lead to, not that of where it led,
+        which for stiff yarns is far larger as turning by small displacements stretches them ("mixed
+        integration point" method: Magisano, Leonetti and Garcea 2017, Comput. Methods Appl. Mech.
+        Eng. 313). Should these go astray, by descent of the energy from where the edges were moved.
         """
         given = [
             (name, component, partial(_displacement, motions[name], component))
@@ -302,8 +297,12 @@ class Balance:
         moved = self.membrane.prescribe(given)[1].ravel()
         gap = np.where(self.fixed.ravel(), moved - self.u.x.array, 0.0)
         self.turn_clamps(motions)
+        self._step.x.array[:] = gap
         try:
-            if not self._follow(gap):
+            self._set_up(self.assemble())
+            # Also if not in balance yet, for the directions of fibres turn with their clamps.
+            force = self.force() + self.membrane.nodal_forces(self._times_step)
+            if not self._go(self._solve(force) + gap, 1.0):
                 return False
             moved = self.u.x.array.copy()
             if self._iterate(MAX_MIXED, self._mixed_step):
@@ -313,29 +312,21 @@ class Balance:
         except SolverError:
             return False
 
-    def _follow(self, gap: np.ndarray) -> bool:
-        """Move along the tangent as the prescribed components do by `gap`."""
-        self._step.x.array[:] = gap
-        self._set_up(self.assemble())
-        # Also if not in balance yet, for the directions of fibres turn with their clamps.
-        force = self.force() + self.membrane.nodal_forces(self._times_step)
-        return self._go(self._solve(force) + gap, 1.0)
+    def _go(self, step: np.ndarray, least: float, most: float = np.inf, slope: float = 0.0) -> bool:
+        """Add a step, or a part down to `least`, and predict the stress by the tangent.
 
-    def _go(self, step: np.ndarray, least: float) -> bool:
-        """Add a step, or a part down to `least`, and predict the stress by the tangent."""
+        The energy must not exceed `most` + part * `slope`.
+        """
         self._step.x.array[:] = step
         change = times(self.moduli, self._at_points(self._changes))
-        base, stress, fraction = self.u.x.array.copy(), self.stress, 1.0
-        while fraction >= least:
-            if self._move(base, step, fraction):
-                self._predicted = stress + fraction * change
+        base, stress, part = self.u.x.array.copy(), self.stress, 1.0
+        while part >= least:
+            self.u.x.array[:] = base + part * step
+            if self.update() and self.energies.sum() <= most + part * slope:
+                self._predicted = stress + part * change
                 return True
-            fraction *= 0.5
+            part *= 0.5
         return False
-
-    def _move(self, base: np.ndarray, step: np.ndarray, fraction: float) -> bool:
-        self.u.x.array[:] = base + fraction * step
-        return self.update()
 
     def _iterate(self, limit: int, take_step: Callable[[np.ndarray], bool]) -> bool:
         """Take steps, each from the force out of balance, until there is none; if that comes."""
@@ -364,13 +355,8 @@ class Balance:
         free = ~self.fixed[: len(force)]
         slope = (force * step.reshape(-1, 2)[: len(force)])[free].sum()
         slope = self.comm.allreduce(float(slope))
-        energy, base, fraction = self.energies.sum(), self.u.x.array.copy(), 1.0
-        while slope < 0.0 and fraction >= 1e-6:
-            most = energy + 1e-4 * fraction * slope + 1e-13 * energy
-            if self._move(base, step, fraction) and self.energies.sum() <= most:
-                return True
-            fraction *= 0.5
-        return False
+        most = self.energies.sum() * (1 + 1e-13)
+        return slope < 0.0 and self._go(step, 1e-6, most, 1e-4 * slope)
 
     def _is_balanced(self, force: np.ndarray) -> bool:
         """Whether the force at free components is nothing beside that at prescribed ones."""
@@ -387,7 +373,7 @@ class Balance:
         if self._solver is None:
             # For the inertia: the root on one rank, null pivots told apart.
             inertia = {"mat_mumps_icntl_13": 1, "mat_mumps_icntl_24": 1}
-            self._solver = self.membrane.solver(matrix, self.prefix, inertia)
+            self._solver = self.membrane.solver(matrix, self.prefix, **inertia)
         else:
             self._solver.ksp.setOperators(matrix)  # or it would not look at the new values yet
             self._solver.ksp.setUp()

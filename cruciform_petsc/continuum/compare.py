@@ -25,25 +25,14 @@ SINGULAR_RADIUS = 0.1
 class Comparison:
     """Differences network - membrane at the crossovers, and ratios network / membrane.
 
-    Attributes
-    ----------
-    points, points_shear : int
-        Number of crossovers compared, on all ranks together, and those of them whose shear angles
-        are compared.
-    relative_l2_displacement : float
-        Norm of the difference over the norm of the membrane's displacement.
-    relative_l2_shear : float
-        The same for the shear angle.
-    mean_abs_shear_deg : float
-        Mean absolute difference of the shear angle in degrees.
-    load_ratio, energy_ratio : float
+    Relative L2 differences are norms over that of the membrane's field.
     """
 
-    points: int
-    points_shear: int
+    points: int  # crossovers compared, on all ranks together
+    points_shear: int  # those of them whose shear angles are compared
     relative_l2_displacement: float
     relative_l2_shear: float
-    mean_abs_shear_deg: float
+    mean_abs_shear_deg: float  # mean absolute difference of the shear angle, degrees
     load_ratio: float
     energy_ratio: float
 
@@ -65,13 +54,9 @@ def solve_membranes(
     bending : bool, optional
         Of finite deformation: whether yarns resist bending; by default as in the network.
 
-    Returns
-    -------
-    list
-        A HyperelasticResult for each state of a finite test; of small displacements, where states
-        are in proportion, a MembraneResult for the last one.
-
-    Raises InputError on every rank if there is no membrane of such a test.
+    Returns a HyperelasticResult for each state of a finite test; of small displacements, where
+    states are in proportion, a MembraneResult for the last one. Raises InputError on every rank if
+    there is no membrane of such a test.
     """
     experiment, network = result.experiment, result.network
     if experiment.reference == "free":
@@ -100,28 +85,21 @@ def compare_with_membrane(
     """
     membrane = membrane or solve_membranes(result)[-1]
     fields, network = result.states[state].fields, result.network
-    carrying = fields["carrying"]
+    places = network.crossover_position, fields["displacement"], fields["shear_angle"]
+    points, u, gamma = (values[fields["carrying"]] for values in places)
+    energy = sum(energies[state] for energies in result.energies().values())
     return compare_fields(
-        network.comm,
-        network.crossover_position[carrying],
-        fields["displacement"][carrying],
-        fields["shear_angle"][carrying],
-        result.states[state].load,
-        sum(energy[state] for energy in result.energies().values()),
-        membrane,
+        network.comm, points, u, gamma, result.states[state].load, energy, membrane
     )
 
 
 @dataclass
 class Reference:
-    """A test beside its membranes, as plain data for files.
-
-    There is one of ``differences`` for each of ``membranes`` (see solve_membranes).
-    """
+    """A test beside its membranes, as plain data for files."""
 
     result: TestResult
-    membranes: list[Any]
-    differences: list[Comparison]
+    membranes: list[Any]  # see solve_membranes
+    differences: list[Comparison]  # one for each of them
 
     @classmethod
     def solve(
@@ -129,12 +107,8 @@ class Reference:
     ) -> Reference:
         """Solve the membranes and compare; see solve_membranes. Collective."""
         membranes = solve_membranes(result, size, bending)
-        first = len(result.states) - len(membranes)
-        differences = [
-            compare_with_membrane(result, membrane, first + i)
-            for i, membrane in enumerate(membranes)
-        ]
-        return cls(result, membranes, differences)
+        states = enumerate(membranes, len(result.states) - len(membranes))
+        return cls(result, membranes, [compare_with_membrane(result, m, i) for i, m in states])
 
     def summary(self, without: TestResult | None = None) -> dict[str, Any]:
         """Differences and the membrane's figures by name. Collective.
@@ -207,8 +181,7 @@ def compare_fields(
         Newtons, joules; of the whole network, the same on every rank.
     membrane_result : MembraneResult, HyperelasticResult
 
-    Returns the same on every rank; raises InputError on every rank if a point lies outside of the
-    membrane.
+    Raises InputError on every rank if a point lies outside of the membrane.
     """
     membrane = membrane_result.membrane
     field = membrane_result.evaluate(points)
@@ -216,18 +189,10 @@ def compare_fields(
     singular = shapely.multipoints(membrane.singular_points)
     far = ~(shapely.distance(singular, shapely.points(points)) < SINGULAR_RADIUS * membrane.width)
     has_shear = np.isfinite(gamma_net) & far
-    off = (np.asarray(gamma_net) - gamma)[has_shear]
-    sums = [
-        len(u),
-        ((np.reshape(u_net, u.shape) - u) ** 2).sum(),
-        (u**2).sum(),
-        len(off),
-        (off**2).sum(),
-        (gamma[has_shear] ** 2).sum(),
-        abs(off).sum(),
-    ]
-    sums = comm.allreduce(np.array(sums, float))
-    count, u_off, u_all, count_shear, shear_off, shear_all, shear_abs = sums
+    gamma, off = gamma[has_shear], (np.asarray(gamma_net) - gamma)[has_shear]
+    squares = [(x**2).sum() for x in (np.reshape(u_net, u.shape) - u, u, off, gamma)]
+    sums = comm.allreduce(np.array([len(u), len(off), abs(off).sum(), *squares], float))
+    count, count_shear, shear_abs, u_off, u_all, shear_off, shear_all = sums
     return Comparison(
         points=int(count),
         points_shear=int(count_shear),

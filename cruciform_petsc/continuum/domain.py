@@ -56,10 +56,8 @@ class MembraneDomain:
     ----------
     comm : mpi4py communicator
     preform : Preform
-        Its `outline`, `warp_direction`, `weft_direction`, `edge(name)` and, if it has them,
-        `edges`, which may end between corners of the outline.
+        Its edges may end between corners of the outline.
     fabric : Fabric
-        Its `c11`, `c22` and `shear_modulus`, for the mesh size.
     size : float, optional
         Mesh size in metres; by default `default_size`.
     degree : int
@@ -75,8 +73,7 @@ class MembraneDomain:
     size, width : float
         Of the triangles, and of the outline (`outline_width`), metres.
     nodes : float (n_local, 2)
-        Of this rank, owned ones first, then ghosts; metres.
-    num_nodes_owned : int
+        Of this rank, the `num_nodes_owned` ones first, then ghosts; metres.
     directions : two dolfinx.fem.Constant
         Of warp and weft at rest.
     singular_points : float (n, 2)
@@ -98,8 +95,7 @@ class MembraneDomain:
         grading: int = 6,
         share_facets: bool = False,
     ):
-        warp = np.asarray(preform.warp_direction, float)
-        weft = np.asarray(preform.weft_direction, float)
+        warp, weft = preform.warp_direction, preform.weft_direction
         if not np.allclose(weft, [-warp[1], warp[0]], atol=1e-12):
             raise InputError("the membrane needs a weft at right angles to the warp")
         self.comm, self.preform, self.fabric, self.degree = comm, preform, fabric, degree
@@ -124,10 +120,6 @@ class MembraneDomain:
     def __repr__(self) -> str:
         name = type(self).__name__
         return f"{name}({self.cells} triangles of {self.size:.3g} m, {self.dofs} unknowns)"
-
-    def strain(self, u: Any) -> tuple[Any, Any, Any]:
-        """Warp strain, weft strain and shear angle of a displacement, as UFL expressions."""
-        raise NotImplementedError
 
     def constant(self, value: Any) -> dolfinx.fem.Constant:
         """Value of a UFL form that is the same everywhere."""
@@ -174,7 +166,7 @@ class MembraneDomain:
     # -- constraints ----------------------------------------------------------------------------
 
     def prescribe(self, given: Sequence[Dirichlet]) -> tuple[np.ndarray, np.ndarray]:
-        """Given displacements of edges: which components are given, and their values. Collective.
+        """Given displacements of edges. Collective.
 
         Parameters
         ----------
@@ -184,9 +176,7 @@ class MembraneDomain:
 
         Returns
         -------
-        fixed : bool (n_local, 2)
-        value : float (n_local, 2)
-            Metres; 0 where nothing is given.
+        Which components are given, bool (n_local, 2), and their values, else 0, (n_local, 2).
         """
         fixed, values = np.zeros(self.nodes.shape, bool), np.zeros(self.nodes.shape)
         for name, component, value in given:
@@ -205,8 +195,8 @@ class MembraneDomain:
         second = corners[np.linalg.norm(corners - first, axis=1).argmax()]
         across = int(abs(second - first).argmin())
         near = _on_outline(self.preform.outline)
-        fixed[np.linalg.norm(self.nodes - first, axis=1) <= near] = True
-        fixed[np.linalg.norm(self.nodes - second, axis=1) <= near, across] = True
+        for corner, components in ((first, slice(None)), (second, across)):
+            fixed[np.linalg.norm(self.nodes - corner, axis=1) <= near, components] = True
 
     def conditions(self, fixed: np.ndarray) -> list[dolfinx.fem.DirichletBC]:
         """No change of the fixed components. Raises unless they rule out rigid motion. Collective.
@@ -241,9 +231,9 @@ class MembraneDomain:
         vector.destroy()
         return forces
 
-    def solver(self, matrix: PETSc.Mat, prefix: str, extra: dict | None = None):
+    def solver(self, matrix: PETSc.Mat, prefix: str, **extra: Any) -> linear.LinearSolver:
         """Solver of a matrix over the nodes; `extra` are options of a factorisation. Collective."""
-        options = {**DIRECT, **(extra or {})} if self.dofs <= MAX_DOFS_DIRECT else ITERATIVE
+        options = DIRECT | extra if self.dofs <= MAX_DOFS_DIRECT else ITERATIVE
         modes = self.rigid_modes()[: self.num_nodes_owned].reshape(-1, 3)
         return linear.LinearSolver(matrix, modes, options, prefix=prefix)
 
@@ -273,12 +263,11 @@ class MembraneFields:
     Attributes
     ----------
     membrane : MembraneDomain
+        Its method `strain` gives warp strain, weft strain and shear angle as UFL expressions.
     displacement : dolfinx.fem.Function
         Metres.
     nodal_force : float (num_nodes_owned, 2)
-        Derivative of the energy, newtons.
-    energy : float
-        Strain energy in joules.
+        Derivative of the strain `energy` (joules), newtons.
     load, extension : float
         Force on the edge "upper" along y in newtons, and its mean displacement along y less that
         of "lower" in metres; nan where the preform has no such edge.
@@ -286,15 +275,9 @@ class MembraneFields:
 
     energy: float
 
-    def __init__(
-        self,
-        membrane: MembraneDomain,
-        displacement: dolfinx.fem.Function,
-        nodal_force: np.ndarray,
-    ):
-        self.membrane, self.displacement = membrane, displacement
+    def __init__(self, membrane: Any, displacement: dolfinx.fem.Function, nodal_force: np.ndarray):
+        self.membrane, self.displacement, self.nodal_force = membrane, displacement, nodal_force
         self.size, self.cells, self.dofs = membrane.size, membrane.cells, membrane.dofs
-        self.nodal_force = nodal_force
         # Here and not on demand: a script that prints them on rank 0 alone must not hang.
         try:
             self.load = float(self.edge_force("upper")[1])
@@ -344,11 +327,8 @@ class MembraneFields:
         last in radians.
         """
         u, strain = evaluate(self.membrane.mesh, [self.displacement, self.strains], points)
-        names = ("warp_strain", "weft_strain", "shear_angle")
-        return {"displacement": u, **dict(zip(names, strain.T.copy(), strict=True))}
-
-
-# -- outlines -----------------------------------------------------------------------------------
+        warp, weft, shear = strain.T.copy()
+        return {"displacement": u, "warp_strain": warp, "weft_strain": weft, "shear_angle": shear}
 
 
 def check_upper(upper: str) -> int | None:
@@ -385,31 +365,22 @@ def singular_points(preform: Any) -> np.ndarray:
     outline = shapely.geometry.polygon.orient(preform.outline)
     for ring in (outline.exterior, *outline.interiors):
         corner = shapely.get_coordinates(shapely.remove_repeated_points(ring))[:-1]
-        before, after = corner - np.roll(corner, 1, axis=0), np.roll(corner, -1, axis=0) - corner
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        turn = np.arctan2(cross, (before * after).sum(axis=1))
+        side = (np.roll(corner, -1, axis=0) - corner) @ [1, 1j]
+        turn = np.angle(side / np.roll(side, 1))
         points.append(corner[turn < -RE_ENTRANT])
     return np.concatenate(points)
 
 
 def split_outline(preform: Any) -> tuple[shapely.Polygon, np.ndarray]:
     """Outline with a corner wherever a named edge ends, and the corners (n, 2) that this added."""
-    outline = preform.outline
-    near = _on_outline(outline)
-    segments = getattr(preform, "edges", {}).values()
-    ends = np.concatenate([np.empty((0, 2)), *(np.reshape(s, (-1, 2)) for s in segments)])
-    rings, added = [], []
-    for ring in (outline.exterior, *outline.interiors):
-        corners = shapely.get_coordinates(ring)[:-1]
-        on = ends[shapely.distance(ring, shapely.points(ends)) <= near]
-        off_corners = np.linalg.norm(on[:, None] - corners, axis=2).min(axis=1)
-        at = np.sort(shapely.line_locate_point(ring, shapely.points(on[off_corners > near])))
-        new = shapely.line_interpolate_point(ring, at[np.diff(at, prepend=-np.inf) > near])
-        every = np.concatenate([corners, shapely.get_coordinates(new)])
-        order = np.argsort(shapely.line_locate_point(ring, shapely.points(every)))
-        rings.append(every[order])
-        added.append(every[len(corners) :])
-    return shapely.Polygon(rings[0], rings[1:]), np.concatenate(added)
+    outline, near = preform.outline, _on_outline(preform.outline)
+    ends = shapely.points(np.concatenate([np.reshape(s, (-1, 2)) for s in preform.edges.values()]))
+    corners = shapely.multipoints(shapely.get_coordinates(outline))
+    is_new = shapely.distance(outline.boundary, ends) <= near
+    is_new &= shapely.distance(corners, ends) > near
+    new = shapely.multipoints(ends[is_new])
+    split = shapely.remove_repeated_points(shapely.snap(outline, new, near), near)
+    return split, shapely.get_coordinates(new)
 
 
 def _on_outline(outline: shapely.Polygon) -> float:

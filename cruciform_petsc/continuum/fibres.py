@@ -52,25 +52,24 @@ def bending_energy(
     edges : sequence of (direction, measure)
         Direction in which clamps hold the fibres, and the clamped edge's measure.
     """
-    p = degree
     # Bound of a polynomial of degree p - 2 on a side by that in its triangle (Warburton and
     # Hesthaven 2003, doi 10.1016/S0045-7825(03)00294-9) times |side|/|triangle|; then 4 where
     # 3/2 would do for three equal sides, as neighbours may be twice as small.
     mesh = dx.ufl_domain()
-    penalty = 4.0 * max(p * (p - 1) / 2, 1.0) * ufl.FacetArea(mesh) / ufl.CellVolume(mesh)
-    quadrature = {"quadrature_degree": 2 * p - 2}
+    bound = max(degree * (degree - 1) / 2, 1.0)
+    penalty = 4.0 * bound * ufl.FacetArea(mesh) / ufl.CellVolume(mesh)
+    quadrature = {"quadrature_degree": 2 * degree - 2}
     n = ufl.FacetNormal(mesh)
     along = ufl.grad(u) * direction
     a = direction + along
-    kappa = ufl.dot(_perp(a), ufl.grad(along) * direction) / ufl.dot(a, a)
-    energy = 0.5 * kappa**2 * dx
+    kappa = _cross(a, ufl.grad(along) * direction) / ufl.dot(a, a)
 
     def facets(kappa: Any, before: Any, after: Any, n: Any, eta: Any) -> Any:
         kink = ufl.atan2(_cross(before, after), ufl.dot(before, after)) * ufl.dot(n, direction)
         return kappa * kink + 0.5 * eta * kink**2
 
     inner = facets(ufl.avg(kappa), a("+"), a("-"), n("+"), ufl.avg(penalty))
-    energy += inner * ufl.dS(mesh, metadata=quadrature)
+    energy = 0.5 * kappa**2 * dx + inner * ufl.dS(mesh, metadata=quadrature)
     for held, ds in edges:  # kappa is of one side only, so twice the penalty
         energy += facets(kappa, a, held, n, 2.0 * penalty) * ds(metadata=quadrature)
     return rigidity * energy
@@ -89,54 +88,41 @@ def resultants(fabric: Any, measures: np.ndarray) -> tuple[np.ndarray, np.ndarra
     -------
     energy : float (..., 2), of tension and of shear, J/m^2
     stress : float (..., 3), derivatives with respect to the measures, N/m
-    moduli : float (..., 4), second derivatives: ww, ee, we, gamma gamma, N/m
+    moduli : float (..., 4), second derivatives: ww, ee, gamma gamma, we, N/m
     """
-    a, a1, a2 = fabric.effective_strain(measures[..., 0])
-    b, b1, b2 = fabric.effective_strain(measures[..., 1])
     c12 = float(fabric.c12)
-    wa, wa1, wa2 = fabric.warp_tension.evaluate(a)
-    wb, wb1, wb2 = fabric.weft_tension.evaluate(b)
-    shear, tau, shear_modulus = fabric.shear.evaluate(measures[..., 2])
-    pull_a, pull_b = wa1 + c12 * b, wb1 + c12 * a
-    stiff_a, stiff_b = wa2 * a1**2 + pull_a * a2, wb2 * b1**2 + pull_b * b2
+    strain, rate, change = fabric.effective_strain(measures[..., :2])
+    laws = (fabric.warp_tension, fabric.weft_tension, fabric.shear)
+    arguments = (strain[..., 0], strain[..., 1], measures[..., 2])
+    values = np.array([law.evaluate(x) for law, x in zip(laws, arguments, strict=True)])
+    energy, stress, moduli = np.moveaxis(values, 0, -1)  # (..., 3) each
+    stress[..., :2] += c12 * strain[..., ::-1]
+    moduli[..., :2] = moduli[..., :2] * rate**2 + stress[..., :2] * change
+    stress[..., :2] *= rate
+    tension = energy[..., 0] + energy[..., 1] + c12 * strain.prod(axis=-1)
     return (
-        np.stack([wa + wb + c12 * a * b, shear], axis=-1),
-        np.stack([pull_a * a1, pull_b * b1, tau], axis=-1),
-        np.stack([stiff_a, stiff_b, c12 * a1 * b1, shear_modulus], axis=-1),
+        np.stack([tension, energy[..., 2]], axis=-1),
+        stress,
+        np.concatenate([moduli, c12 * rate.prod(axis=-1, keepdims=True)], axis=-1),
     )
 
 
 def times(moduli: np.ndarray, change: np.ndarray) -> np.ndarray:
     """Change (..., 3) of the stress with that of the measures, by moduli (..., 4)."""
-    warp, weft, shear = np.moveaxis(change, -1, 0)
-    c = moduli
-    return np.stack(
-        [
-            c[..., 0] * warp + c[..., 2] * weft,
-            c[..., 1] * weft + c[..., 2] * warp,
-            c[..., 3] * shear,
-        ],
-        axis=-1,
-    )
+    result = moduli[..., :3] * change
+    result[..., :2] += moduli[..., 3:] * change[..., 1::-1]
+    return result
 
 
 def convex_part(
     fabric: Any, stress: np.ndarray, moduli: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stress and moduli without what can make the tangent indefinite: shapes as of resultants."""
-    stress = np.maximum(stress, 0.0) * (1.0, 1.0, 0.0)
     rest = resultants(fabric, np.array([1.0, 1.0, 0.0]))[2]
-    stiff = [0, 1, 3]
-    moduli = moduli.copy()
-    moduli[..., stiff] = np.maximum(moduli[..., stiff], CONVEX_FLOOR * rest[stiff])
-    bad = moduli[..., 2] ** 2 >= 0.999 * moduli[..., 0] * moduli[..., 1]
-    moduli[bad, 2] = 0.0
-    return stress, moduli
-
-
-def _perp(a: Any) -> Any:
-    """Turn a vector anticlockwise by 90 degrees."""
-    return ufl.as_vector((-a[1], a[0]))
+    convex = np.maximum(moduli, CONVEX_FLOOR * rest)
+    bad = moduli[..., 3] ** 2 >= 0.999 * convex[..., 0] * convex[..., 1]
+    convex[..., 3] = np.where(bad, 0.0, moduli[..., 3])
+    return np.maximum(stress, 0.0) * (1.0, 1.0, 0.0), convex
 
 
 def _cross(a: Any, b: Any) -> Any:

@@ -7,6 +7,7 @@ Its energy is told in fibres.py, how equilibrium is found in balance.py.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import dolfinx.fem
@@ -24,18 +25,10 @@ Motion = tuple[Any, Any] | tuple[Any, Any, int | None]
 class HyperelasticMembrane(MembraneDomain):
     """Membrane of any strains and rotations, with a fabric's laws. Collective.
 
-    Parameters
-    ----------
-    comm, preform, size, degree, grading
-        See MembraneDomain. Bending needs degree 2 or more.
-    fabric
-        A Fabric: its laws `shear`, `warp_tension` and `weft_tension`, `c12`, and its
-        `effective_strain` (engineering or logarithmic, softened in compression).
-    bending : bool
-        Whether yarns resist bending in the plane (a second-gradient membrane).
-
-    Without a given size the triangles are 1/40 to 1/15 of the width, as the layers along yarns or,
-    with bending, beside clamps ask for.
+    Parameters and attributes as of MembraneDomain. ``bending`` tells whether yarns resist bending
+    in the plane (a second-gradient membrane); that needs degree 2 or more. Without a given size the
+    triangles are 1/40 to 1/15 of the width, as the layers along yarns or, with bending, beside
+    clamps ask for.
     """
 
     def __init__(
@@ -68,46 +61,34 @@ class HyperelasticMembrane(MembraneDomain):
         return warp - 1.0, weft - 1.0, shear
 
     def solve_bias_extension(
-        self,
-        extensions: Sequence[float],
-        upper: str = "grip",
-        prefix: str = "membrane_",
+        self, extensions: Sequence[float], upper: str = "grip", prefix: str = "membrane_"
     ) -> list[HyperelasticResult]:
         """Clamp the edge "lower" and pull the edge "upper" along y, step by step. Collective.
 
         See Membrane.solve_bias_extension; `extensions` in metres, in the order in which they are
         gone to. Intermediate steps are taken as needed.
         """
-        component = check_upper(upper)
+        component, still = check_upper(upper), (np.eye(2), np.zeros(2))
         motions: list[dict[str, Motion]] = [
-            {
-                "lower": (np.eye(2), np.zeros(2)),
-                "upper": (np.eye(2), np.array([0.0, extension]), component),
-            }
+            {"lower": still, "upper": (np.eye(2), (0.0, extension), component)}
             for extension in extensions
         ]
         return self.solve_motions(motions, prefix)
 
     def solve_motions(
-        self,
-        motions: Sequence[Mapping[str, Motion]],
-        prefix: str = "membrane_",
+        self, motions: Sequence[Mapping[str, Motion]], prefix: str = "membrane_"
     ) -> list[HyperelasticResult]:
         """Move edges like rigid or homogeneously deformed bodies, from rest. Collective.
 
         Parameters
         ----------
         motions : sequence of dict
-            For each increment: edge name -> (A, b) for x = A X + b with A (2, 2), of positive
-            determinant, and b (2,) in metres, or (A, b, component) where only that component is
-            prescribed. The same edges and components in all increments; where edges meet, later
-            ones win.
+            For each increment, and its result: edge name -> (A, b) for x = A X + b with A (2, 2),
+            of positive determinant, and b (2,) in metres, or (A, b, component) where only that
+            component is prescribed. The same edges and components in all increments; where edges
+            meet, later ones win.
         prefix : str
             Of the PETSc options of the linear solver; defaults as in Membrane.solve.
-
-        Returns
-        -------
-        list of HyperelasticResult, one for each increment
 
         Raises
         ------
@@ -118,37 +99,33 @@ class HyperelasticMembrane(MembraneDomain):
             On every rank: no equilibrium was found, even in very small steps. Its `history` has
             the last relative residuals.
         """
-        results: list[HyperelasticResult] = []
         if not motions:
-            return results
+            return []
         targets = [{name: _affine(*m) for name, m in increment.items()} for increment in motions]
         held, *others = (
-            {name: motion[2] if len(motion) == 3 else None for name, motion in increment.items()}
+            {name: None if len(motion) == 2 else motion[2] for name, motion in increment.items()}
             for increment in motions
         )
         if any(other != held for other in others):
             raise InputError("every increment must move the same edges in the same components")
-        balance = Balance(self, self.rigidity, held, prefix)
-        start = dict.fromkeys(held, np.eye(3))
+        balance, results = Balance(self, self.rigidity, held, prefix), []
+        places = pairwise([dict.fromkeys(held, np.eye(3)), *targets])
         try:
-            for number, target in enumerate(targets, 1):
+            for number, (start, target) in enumerate(places, 1):
                 balance.advance(start, target, number)
                 results.append(HyperelasticResult(self, balance))
-                start = target
         finally:
             balance.destroy()
         return results
 
 
 class HyperelasticResult(MembraneFields):
-    """Equilibrium of a hyperelastic membrane, with what is measured on it. Collective when made.
+    """Equilibrium of a hyperelastic membrane; see MembraneFields. Collective when made.
 
     Attributes
     ----------
-    membrane, displacement, nodal_force, load, extension
-        See MembraneFields; `edge_force` gives the force on any edge.
-    energy, energy_tension, energy_shear, energy_bending : float
-        Strain energy in joules.
+    energy_tension, energy_shear, energy_bending : float
+        Parts of the energy, joules.
     folded_area : float
         Area at rest whose shear angle is beyond 90 degrees, m^2.
     stable : bool or None

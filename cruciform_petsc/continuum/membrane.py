@@ -17,6 +17,7 @@ is solved with Lagrange elements on triangles, and loads are sums of consistent 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Any
 
 import dolfinx.fem
@@ -38,8 +39,6 @@ class Membrane(MembraneDomain):
     Parameters and attributes as of MembraneDomain; the fabric has `c12`, too.
     """
 
-    # -- mechanics ------------------------------------------------------------------------------
-
     def strain(self, u: Any) -> tuple[Any, Any, Any]:
         """Warp strain, weft strain and shear angle of a displacement, as UFL expressions."""
         gradient = ufl.grad(u)
@@ -57,8 +56,6 @@ class Membrane(MembraneDomain):
         c11, c22, c12 = (self.constant(c) for c in (fabric.c11, fabric.c22, fabric.c12))
         tension = 0.5 * (c11 * warp**2 + c22 * weft**2) + c12 * warp * weft
         return tension * ufl.dx, 0.5 * self.constant(fabric.shear_modulus) * shear**2 * ufl.dx
-
-    # -- solution -------------------------------------------------------------------------------
 
     def solve_bias_extension(
         self, extension: float, upper: str = "grip", prefix: str = "membrane_"
@@ -104,10 +101,20 @@ class Membrane(MembraneDomain):
         internal = ufl.derivative(sum(self.energies(displacement)), displacement, test)
         stiffness = dolfinx.fem.form(ufl.derivative(internal, displacement, trial))
         internal = dolfinx.fem.form(internal)
-        load = self.nodal_forces(dolfinx.fem.form(self._load(tractions, test)))
+        work = ufl.inner(self.constant((0.0, 0.0)), test) * ufl.dx
+        if tractions:
+            ds = self.edge_measure([name for name, _ in tractions])
+            for number, (_, traction) in enumerate(tractions):
+                work += ufl.inner(self.constant(traction), test) * ds(number)
+        load = self.nodal_forces(dolfinx.fem.form(work))
         fixed, given = self.prescribe(dirichlet)
         if not dirichlet:
-            self._check_balance(load)
+            resultant = np.einsum("nij,ni->j", self.rigid_modes()[: len(load)], load)
+            *resultant, size = self.comm.allreduce(np.append(resultant, abs(load).sum()))
+            if max(map(abs, resultant)) > 1e-9 * size:
+                raise InputError(
+                    "nothing holds the membrane, and the loads on it are not in balance"
+                )
             self.pin(fixed)
         matrix = dolfinx.fem.petsc.assemble_matrix(stiffness, self.conditions(fixed))
         matrix.assemble()
@@ -116,44 +123,24 @@ class Membrane(MembraneDomain):
         displacement.x.array[:] = given.ravel()
         rest = load - self.nodal_forces(internal)
         step = dolfinx.fem.Function(self.space)
-        try:
+        with ExitStack() as stack:
+            stack.callback(matrix.destroy)
             solver = self.solver(matrix, prefix)
-            try:
-                info = self.solve_into(step, solver, rest, fixed)
-            finally:
-                solver.destroy()
-        finally:
-            matrix.destroy()
+            stack.callback(solver.destroy)
+            info = self.solve_into(step, solver, rest, fixed)
         displacement.x.array[:] += step.x.array
         return MembraneResult(self, displacement, self.nodal_forces(internal), info)
 
-    def _load(self, tractions: Sequence[Traction], test: Any) -> Any:
-        form = ufl.inner(self.constant((0.0, 0.0)), test) * ufl.dx
-        if tractions:
-            ds = self.edge_measure([name for name, _ in tractions])
-            for number, (_, traction) in enumerate(tractions):
-                form += ufl.inner(self.constant(traction), test) * ds(number)
-        return form
-
-    def _check_balance(self, load: np.ndarray) -> None:
-        """Raise unless nodal forces have no resultant."""
-        modes = self.rigid_modes()[: len(load)]
-        resultant = self.comm.allreduce(np.einsum("nij,ni->j", modes, load))
-        if abs(resultant).max() > 1e-9 * self.comm.allreduce(float(abs(load).sum())):
-            raise InputError("nothing holds the membrane, and the loads on it are not in balance")
-
 
 class MembraneResult(MembraneFields):
-    """Solution of a membrane, with what is measured on it.
+    """Solution of a membrane; see MembraneFields.
 
     Attributes
     ----------
-    membrane, displacement, nodal_force, load, extension
-        See MembraneFields.
     ksp : SolverInfo
         How the linear system was solved.
-    energy, energy_tension, energy_shear : float
-        Strain energy in joules.
+    energy_tension, energy_shear : float
+        Parts of the energy, joules.
     """
 
     def __init__(self, membrane: Membrane, displacement, nodal_force: np.ndarray, ksp):

@@ -27,7 +27,7 @@ def outline_mesh(
     singular: tuple[np.ndarray, float, int] | None = None,
     share_facets: bool = False,
 ) -> dolfinx.mesh.Mesh:
-    """Mesh a polygon with triangles. Collective.
+    """Affine triangles that fill a polygon. Collective.
 
     An axis-aligned rectangle gets the symmetric crossed pattern, anything else an unstructured
     mesh made by gmsh on rank 0. Every vertex of the polygon is a vertex of the mesh. Edges shorter
@@ -48,15 +48,7 @@ def outline_mesh(
     share_facets : bool
         Each rank has copies of the triangles beside its own, for integrals over inner edges.
 
-    Returns
-    -------
-    dolfinx.mesh.Mesh
-        Affine triangles in the plane.
-
-    Raises
-    ------
-    InputError
-        On every rank, if gmsh is missing or fails, or the arguments make no sense.
+    Raises InputError on every rank if gmsh is missing or fails, or the arguments make no sense.
     """
     if not size > 0 or refine_levels < 0:
         raise InputError(f"mesh size {size!r} and refinement {refine_levels!r} must be positive")
@@ -81,9 +73,8 @@ def _edges_near(mesh: dolfinx.mesh.Mesh, points: np.ndarray, radius: float) -> n
     mesh.topology.create_connectivity(1, 2)
     index_map = mesh.topology.index_map(1)
     edges = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    middle = edge_ends(mesh, edges).mean(axis=1)
-    off = shapely.distance(shapely.multipoints(points), shapely.points(middle))
-    return edges[off < radius]
+    middle = shapely.points(edge_ends(mesh, edges).mean(axis=1))
+    return edges[shapely.distance(shapely.multipoints(points), middle) < radius]
 
 
 def edge_ends(mesh: dolfinx.mesh.Mesh, edges: np.ndarray) -> np.ndarray:
@@ -127,9 +118,8 @@ def _unstructured(
         try:
             return gmsh_triangles(outline, size)
         except ImportError:
-            raise InputError(
-                "the outline needs gmsh for its mesh, and gmsh is not installed"
-            ) from None
+            problem = "the outline needs gmsh for its mesh, and gmsh is not installed"
+            raise InputError(problem) from None
         except Exception as error:
             raise InputError(f"gmsh could not mesh the outline: {error}") from error
 
@@ -193,15 +183,11 @@ def _grow_from_short_lines(lines: np.ndarray, lengths: np.ndarray, size: float) 
         distance, threshold = field.add("Distance"), field.add("Threshold")
         field.setNumbers(distance, "CurvesList", lines[octave == k].tolist())
         field.setNumber(distance, "Sampling", 3)
-        numbers = {
-            "InField": distance,
-            "SizeMin": smallest,
-            "SizeMax": size,
-            "DistMin": 0.0,
-            "DistMax": (size - smallest) / GROWTH,
-        }
-        for name, number in numbers.items():
-            field.setNumber(threshold, name, number)
+        field.setNumber(threshold, "InField", distance)
+        field.setNumber(threshold, "SizeMin", smallest)
+        field.setNumber(threshold, "SizeMax", size)
+        field.setNumber(threshold, "DistMin", 0.0)
+        field.setNumber(threshold, "DistMax", (size - smallest) / GROWTH)
         thresholds.append(threshold)
     if thresholds:
         least = field.add("Min")

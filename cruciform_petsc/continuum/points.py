@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import dolfinx.fem
 import dolfinx.mesh
@@ -20,9 +21,7 @@ PADDING = 1e-5
 
 
 def evaluate(
-    mesh: dolfinx.mesh.Mesh,
-    functions: Sequence[dolfinx.fem.Function],
-    points: np.ndarray,
+    mesh: dolfinx.mesh.Mesh, functions: Sequence[dolfinx.fem.Function], points: np.ndarray
 ) -> list[np.ndarray]:
     """Evaluate functions at points. Collective; each rank asks for its own points, or for none.
 
@@ -40,14 +39,8 @@ def evaluate(
     points : float (n, 2)
         Metres.
 
-    Returns
-    -------
-    list of float (n, value size), one for each function
-
-    Raises
-    ------
-    InputError
-        On every rank, if any point of any rank lies outside by more than 1e-5 of the diagonal.
+    Returns float (n, value size) for each function; raises InputError on every rank if a point of
+    any rank lies outside by more than 1e-5 of the diagonal.
     """
     points = np.reshape(np.asarray(points, float), (-1, 2))
     x = mesh.geometry.x[:, :2]
@@ -58,12 +51,8 @@ def evaluate(
 
     near = (points[:, None] >= low - padding) & (points[:, None] <= high + padding)
     point, rank = np.nonzero(near.all(axis=2))
-    answers = ask(
-        mesh.comm,
-        rank,
-        points[point],
-        lambda asked: _evaluate_here(mesh, functions, asked, padding, tolerance),
-    )
+    here = partial(_evaluate_here, mesh, functions, padding, tolerance)
+    answers = ask(mesh.comm, rank, points[point], here)
     distance = np.full(len(points), np.inf)
     np.minimum.at(distance, point, answers[:, 0])
     _raise_if_outside(mesh.comm, points[~(distance <= padding)], padding)
@@ -78,7 +67,7 @@ def _value_size(function: dolfinx.fem.Function) -> int:
     return int(np.prod(function.ufl_shape, initial=1))
 
 
-def _evaluate_here(mesh, functions, points, padding: float, tolerance: float) -> np.ndarray:
+def _evaluate_here(mesh, functions, padding: float, tolerance: float, points) -> np.ndarray:
     """Rows (distance, number of this rank's nearest triangles, sums of the values over them)."""
     owned = mesh.topology.index_map(2).size_local
     triangles = shapely.polygons(mesh.geometry.x[mesh.geometry.dofmap[:owned], :2])

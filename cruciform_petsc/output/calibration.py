@@ -12,7 +12,7 @@ import numpy as np
 from ..calibration.load_curve import PLACE
 from ..calibration.result import LARGEST_ERROR, Calibration, Comparison, Prediction, rms
 from ..parallel import on_root
-from .pictures import COLOURS, DASHES, STYLE
+from .pictures import COLOURS, DASHES, save
 from .tables import write_csv, write_json, written_whole
 
 if TYPE_CHECKING:
@@ -38,23 +38,8 @@ def write(
 ) -> dict[str, Any]:
     """Write law.toml, calibration.csv, .json and .png, and hold_out.csv. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    directory : Path
-        Is there.
-    calibration : Calibration
-        The same on every rank.
-    more : dict
-        Entries for the front of the summary.
-    prediction : Prediction, optional
-        Of the specimen held out.
-    picture : bool
-
-    Returns
-    -------
-    dict
-        The summary.
+    Of a calibration, and of the prediction of a specimen held out, into a folder that is there.
+    Returns the summary, with the entries of ``more`` in front.
     """
     c = calibration
     number = [i + 1 for i, part in enumerate(c.parts) for _ in c.loads[part]]
@@ -70,11 +55,11 @@ def write(
             temporary.write_text(law_file(c), encoding="utf-8")
 
     on_root(comm, law)
-    told = more | summary(c)
-    write_json(comm, directory / "calibration.json", told)
+    summary = more | _summary(c)
+    write_json(comm, directory / "calibration.json", summary)
     if picture:
-        draw(comm, directory / "calibration.png", c, str(more.get("title", "")))
-    return told
+        save(comm, directory / "calibration.png", figure, c, str(more.get("title", "")))
+    return summary
 
 
 def _columns(c: Comparison, **loads: np.ndarray) -> dict[str, Any]:
@@ -121,10 +106,17 @@ def _compared(c: Comparison) -> dict[str, Any]:
     }
 
 
-def summary(calibration: Calibration) -> dict[str, Any]:
+def _summary(c: Calibration) -> dict[str, Any]:
     """Plain numbers for calibration.json."""
-    c = calibration
-    table = zip(c.angles, c.values, c.standard_errors, c.determined, c.dependent, strict=True)
+    parameters = {
+        "angle_deg": np.rad2deg(c.angles),
+        "force_n_per_mm": 1e-3 * c.values,
+        "standard_error_n_per_mm": 1e-3 * c.standard_errors,
+        "relative_standard_error": c.estimate.errors,
+        "determined": c.determined,
+        "depends_on_assumptions": c.dependent,
+    }
+    rows = zip(*(column.tolist() for column in parameters.values()), strict=True)
     return {
         **_compared(c),
         "rms_relative_error_start": c.start_rms,
@@ -140,17 +132,7 @@ def summary(calibration: Calibration) -> dict[str, Any]:
             }
             for s, part in zip(c.specimens, c.parts, strict=True)
         ],
-        "parameters": [
-            {
-                "angle_deg": float(np.rad2deg(angle)),
-                "force_n_per_mm": 1e-3 * value,
-                "standard_error_n_per_mm": 1e-3 * error,
-                "relative_standard_error": error / value,
-                "determined": bool(known),
-                "depends_on_assumptions": bool(depends),
-            }
-            for angle, value, error, known, depends in table
-        ],
+        "parameters": [dict(zip(parameters, row, strict=True)) for row in rows],
         "undetermined_deg": np.rad2deg(c.uncertain_ranges()),
         "largest_relative_standard_error_allowed": LARGEST_ERROR,
         "noise_assumed": c.estimate.noise,
@@ -185,19 +167,6 @@ def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
     }
 
 
-def draw(comm: MPI.Intracomm, path: str | Path, calibration: Calibration, title: str = "") -> None:
-    """Draw data, start, fit and residual, and the law with its uncertain parts. Collective."""
-
-    def save() -> None:
-        from matplotlib import rc_context
-
-        with rc_context(STYLE), written_whole(path) as temporary:
-            chart = figure(calibration, title)
-            chart.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
-
-    on_root(comm, save)
-
-
 def figure(calibration: Calibration, title: str = "") -> Figure:
     """Make the figure: axes of the load curves, of the residuals, of the law."""
     from matplotlib.figure import Figure
@@ -226,7 +195,7 @@ def _draw_curves(axes: Axes, c: Calibration) -> None:
         start = fit = data = "_"  # in the legend once
     axes.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
     axes.tick_params(labelbottom=False)
-    axes.legend(frameon=False, loc="upper left")
+    axes.legend(loc="upper left")
     axes.set_title("Load curve", loc="left")
 
 
@@ -274,12 +243,12 @@ def _draw_law(axes: Axes, c: Calibration) -> None:
     axes.text(reached - 0.008 * end, 0.02 * top, "reached", rotation=90, **NOTE)
     axes.set(xlabel="shear angle (°)", ylabel="torque per area $\\psi'$ (N/mm)")
     axes.set(xlim=(0.0, end), ylim=(0.0, top))
-    axes.legend(frameon=False, loc="upper left")
+    axes.legend(loc="upper left")
     axes.set_title("Shear law", loc="left")
 
 
 def _shade(axes: Axes, ranges: list, end: float, label: str, **style: Any) -> None:
-    """Shade ranges of angles, rad, as far as the axes go."""
+    """Shade ranges of angles, rad, up to ``end``, degrees."""
     for low, high in np.rad2deg(ranges):
         axes.axvspan(low, min(high, end), linewidth=0, zorder=0, label=label, **style)
         label = "_"

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
+from cruciform_petsc.calibration.result import estimate
 from cruciform_petsc.calibration.rising import RisingTable, value_changes
-from cruciform_petsc.calibration.statistics import estimate
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.laws import linear, odd_polynomial, table
 
