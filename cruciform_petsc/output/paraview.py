@@ -9,31 +9,31 @@ tables.py.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..experiments.result import State
 from ..net.network import Network
 from .provenance import file_notes
 from .sample import node_means
 from .tables import written_by_all
 
 if TYPE_CHECKING:
-    import h5py
     from mpi4py import MPI
 
     from ..experiments.result import TestResult
 
 VTK_LINE = 3
 ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
-# Data that no deformation changes.
-CONSTANT = {"PointData/crossover", "PointData/node"}
-CONSTANT |= {f"CellData/{name}" for name in ("yarn_family", "crossover", "carrying", "rank")}
-Notes = Mapping[str, str | float]
+# What the deformation changes.
+CHANGING = {"Points", "PointData/displacement", "PointData/shear_angle_deg"}
+CHANGING |= {f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES)}
+Notes = Mapping[str, Any]
 Arrays = Mapping[str, np.ndarray]
 
 
@@ -77,9 +77,9 @@ def write_state(
     index : int
         Which of the result's states.
     """
-    state, network = result.states[index], result.network
-    arrays = grid_arrays(network, state.node_displacement, state.fields)
-    write_by_rank(network.comm, path, arrays, _attributes(notes))
+    network = result.network
+    arrays = _arrays(network, result.states[index])
+    _write_by_rank(network.comm, path, iter([arrays]), notes or {})
 
 
 def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
@@ -89,52 +89,27 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
     do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds them. Cells and
     what does not change with time are in the file once; data as in `write_state`.
     """
-    network, column, states = result.network, result.experiment.column, result.states
-    at_rest = {
+    network, column, first = result.network, result.experiment.column, result.states[0]
+    fields = {
         name: value if value.dtype == bool else np.zeros_like(value)
-        for name, value in states[0].fields.items()
+        for name, value in first.fields.items()
     }
-    arrays = grid_arrays(network, np.zeros_like(states[0].node_displacement), at_rest)
-    steps = (grid_arrays(network, s.node_displacement, s.fields) for s in states)
-    changing = {name for name in arrays if name.startswith(("Points", "PointData/", "CellData/"))}
-    changing -= CONSTANT
-    total = {name: network.comm.allreduce(len(arrays[name])) for name in sorted(changing)}
-    step = np.arange(1 + len(states))
-    none = np.zeros_like(step)
-    controls = np.array([0.0, *(state.control / column.scale for state in states)])
-    ascending = bool((np.diff(controls) > 0).all())
-    axis = {
-        "Values": controls if ascending else step.astype(float),
-        "NumberOfParts": none + network.comm.allreduce(len(arrays["NumberOfPoints"])),
-        "PartOffsets": none,
-        "PointOffsets": step * total["Points"],
-        "CellOffsets": none[:, None],
-        "ConnectivityIdOffsets": none[:, None],
-    }
-    for array in arrays:
-        data, slash, field = array.partition("/")
-        if slash:
-            axis[f"{data}Offsets/{field}"] = step * total.get(array, 0)
-    time_is = np.bytes_(column.column if ascending else "state")
-    attributes = _attributes(notes) | {"time_is": time_is, "controls": controls}
-    write_by_rank(network.comm, path, arrays, attributes, (changing, steps, axis))
+    states = [State(0.0, 0.0, fields, np.zeros_like(first.node_displacement)), *result.states]
+    controls = np.array([state.control / column.scale for state in states])
+    ascending = (np.diff(controls) > 0).all()
+    time_is = column.column if ascending else "state"
+    notes = {**(notes or {}), "time_is": time_is, "controls": controls}
+    times = controls if ascending else np.arange(len(states), dtype=float)
+    steps = (_arrays(network, state) for state in states)
+    _write_by_rank(network.comm, path, steps, notes, times)
 
 
-def _attributes(notes: Notes | None) -> dict:
-    attributes: dict = {"Version": np.array([2, 0]), "Type": np.bytes_("UnstructuredGrid")}
-    for name, note in (notes or {}).items():
-        attributes[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
-    return attributes
-
-
-def grid_arrays(
-    network: Network, node_displacement: np.ndarray, fields: Arrays
-) -> dict[str, np.ndarray]:
+def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition by their names in the file. Collective.
 
     A rank without crossovers has no partition: its arrays are empty.
     """
-    n = network.num_crossovers_owned
+    fields, n = state.fields, network.num_crossovers_owned
     node = np.flatnonzero(~network.node_is_hinge)
     point_of_node = np.full(network.num_nodes_local, -1)
     point_of_node[node] = n + np.arange(len(node))
@@ -142,57 +117,46 @@ def grid_arrays(
     family = arm % 2
     ends = np.column_stack([crossover, point_of_node[network.arm_node[crossover, arm]]])
 
+    in_space = ((0, 0), (0, 1))
+    rest = np.concatenate([network.crossover_position, network.node_position[node]])
+    moved = np.concatenate([fields["displacement"], state.node_displacement[node]])
     shear = np.rad2deg(fields["shear_angle"])
+    shear_at_ends = node_means(network, shear)[node]
     tension = np.column_stack([fields["warp_tension"], fields["weft_tension"]])
-    length = network.arm_length[crossover, arm]
-    share = length / network.arm_length.sum(axis=1)[crossover]
-    number = network.crossover_number_global
-    moved = np.concatenate([fields["displacement"], node_displacement[node]])
-    position = np.concatenate([network.crossover_position, network.node_position[node]])
-    none = np.full(len(node), -1)
-    point_data = {
-        "displacement": _in_space(moved),
-        "shear_angle_deg": np.concatenate([shear, node_means(network, shear)[node]]).astype("f4"),
-        "crossover": np.concatenate([number, none]),
-        "node": np.concatenate([np.full(n, -1), network.node_number_global[node]]),
-    }
-    cell_data = {
-        "yarn_family": family.astype(np.uint8),
-        "strain": fields["arm_strain"][crossover, arm].astype("f4"),
-        "tension": tension[crossover, family].astype("f4"),
-        "shear_angle_deg": shear[crossover].astype("f4"),
-        **{name: (share * fields[name][crossover]).astype("f4") for name in ENERGIES},
-        "crossover": number[crossover],
-        "carrying": fields["carrying"][crossover].astype(np.uint8),
-        "rank": np.full(len(arm), network.comm.rank, np.int32),
-    }
+    share = (network.arm_length / network.arm_length.sum(axis=1, keepdims=True))[crossover, arm]
+    number, none = network.crossover_number_global, np.full(len(node), -1)
     partition = slice(0, 1 if n else 0)
     return {
-        "NumberOfPoints": np.array([len(position)])[partition],
+        "NumberOfPoints": np.array([len(rest)])[partition],
         "NumberOfCells": np.array([len(ends)])[partition],
         "NumberOfConnectivityIds": np.array([ends.size])[partition],
-        "Points": _in_space(position + moved),
+        "Points": np.pad(rest + moved, in_space),
         "Connectivity": ends.ravel(),
         "Offsets": 2 * np.arange(len(ends) + 1 if n else 0),
         "Types": np.full(len(ends), VTK_LINE, np.uint8),
-        **{f"PointData/{name}": value for name, value in point_data.items()},
-        **{f"CellData/{name}": value for name, value in cell_data.items()},
+        "PointData/displacement": np.pad(moved, in_space),
+        "PointData/shear_angle_deg": np.concatenate([shear, shear_at_ends]).astype("f4"),
+        "PointData/crossover": np.concatenate([number, none]),
+        "PointData/node": np.concatenate([np.full(n, -1), network.node_number_global[node]]),
+        "CellData/yarn_family": family.astype(np.uint8),
+        "CellData/strain": fields["arm_strain"][crossover, arm].astype("f4"),
+        "CellData/tension": tension[crossover, family].astype("f4"),
+        "CellData/shear_angle_deg": shear[crossover].astype("f4"),
+        **{f"CellData/{name}": (share * fields[name][crossover]).astype("f4") for name in ENERGIES},
+        "CellData/crossover": number[crossover],
+        "CellData/carrying": fields["carrying"][crossover].astype(np.uint8),
+        "CellData/rank": np.full(len(arm), network.comm.rank, np.int32),
     }
 
 
-def _in_space(plane: np.ndarray) -> np.ndarray:
-    """Append z = 0; (n, 2) -> (n, 3)."""
-    return np.pad(plane, ((0, 0), (0, 1)))
-
-
-def write_by_rank(
+def _write_by_rank(
     comm: MPI.Intracomm,
     path: str | Path,
-    arrays: Arrays,
-    attributes: Mapping[str, object],
-    series: tuple[Set[str], Iterable[Arrays], Arrays] | None = None,
+    steps: Iterator[Arrays],
+    notes: Notes,
+    times: np.ndarray | None = None,
 ) -> None:
-    """Write an HDF5 file in which every dataset is the ranks' arrays one after the other.
+    """Write a VTKHDF file in which every dataset is the ranks' arrays one after the other.
 
     Collective. Ranks write at the same time where h5py can, else in turn. The file gets its name
     when it is whole.
@@ -201,55 +165,61 @@ def write_by_rank(
     ----------
     comm : mpi4py communicator
     path : str or Path
-    arrays : dict of arrays (n, ...)
-        Of the group ``VTKHDF``: the same names, types and trailing shapes on every rank; n may
-        differ and be 0.
-    attributes : dict
-        Of the group; the same on every rank.
-    series : (names, steps, axis), optional
-        Arrays that change, which are written one step after the other; the arrays of the further
-        steps, made as they are needed; and the group ``Steps``, the same on every rank.
+    steps : iterator of dict of arrays (n, ...)
+        One for each time, made as it is needed: the same names, types and trailing shapes on every
+        rank; n may differ and be 0.
+    notes : dict
+        Attributes; the same on every rank.
+    times : float (m,), optional
+        Of a series: what changes is in the file once for each.
     """
     import h5py
 
-    lengths = np.array(comm.allgather([len(array) for array in arrays.values()]))
-    begin = dict(zip(arrays, lengths[: comm.rank].sum(axis=0), strict=True))
-    total = dict(zip(arrays, lengths.sum(axis=0), strict=True))
-    changing, steps, axis = series or (set(), (), {})
-    count = len(axis["Values"]) if axis else 1
-
-    def create(root: h5py.Group) -> None:
-        root.attrs.update(attributes)
-        for name, array in arrays.items():
-            rows = total[name] * (count if name in changing else 1)
-            root.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
-        for name, array in axis.items():
-            root.create_dataset(f"Steps/{name}", array.shape, array.dtype)
-        if axis:
-            root["Steps"].attrs["NSteps"] = count
-
-    def fill(root: h5py.Group, step: int, of_step: Arrays) -> None:
-        for name, array in of_step.items():
-            if len(array) and (step == 0 or name in changing):
-                first = step * total[name] + begin[name]
-                root[name][first : first + len(array)] = array
-        if step == 0 and comm.rank == 0:
-            for name, array in axis.items():
-                root[f"Steps/{name}"][...] = array
-
+    first = next(steps)
+    lengths = np.array(comm.allgather([len(array) for array in first.values()]))
+    begin = dict(zip(first, lengths[: comm.rank].sum(axis=0), strict=True))
+    total = dict(zip(first, lengths.sum(axis=0), strict=True))
+    stride = {name: rows * (name in CHANGING) for name, rows in total.items()}
+    step = np.arange(1 if times is None else len(times))
     together = comm.size > 1 and h5py.get_config().mpi
     options = {"driver": "mpio", "comm": comm} if together else {}
 
-    def write_step(turn: int, step: int, of_step: Arrays, temporary: Path) -> None:
-        mode = "r+" if turn or step else "w"
-        with h5py.File(temporary, mode, **options) as file:
-            root = file.require_group("VTKHDF")
-            if mode == "w":
-                create(root)
-            fill(root, step, of_step)
+    def create(temporary: Path) -> None:
+        with h5py.File(temporary, "w", **options) as file:
+            root = file.create_group("VTKHDF")
+            root.attrs["Version"] = np.array([2, 0])
+            for name, note in {"Type": "UnstructuredGrid", **notes}.items():
+                root.attrs[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
+            for name, array in first.items():
+                rows = total[name] + step[-1] * stride[name]
+                root.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
+            if times is None:
+                return
+            none = np.zeros_like(step)
+            axis = {
+                "Values": times,
+                "NumberOfParts": none + total["NumberOfPoints"],
+                "PartOffsets": none,
+                "PointOffsets": step * stride["Points"],
+                "CellOffsets": none[:, None],
+                "ConnectivityIdOffsets": none[:, None],
+            }
+            data = {name: step * rows for name, rows in stride.items() if "/" in name}
+            axis |= {name.replace("/", "Offsets/"): offset for name, offset in data.items()}
+            for name, array in axis.items():
+                root.create_dataset(f"Steps/{name}", data=array)
+            root["Steps"].attrs["NSteps"] = len(times)
+
+    def fill(k: int, arrays: Arrays, temporary: Path) -> None:
+        with h5py.File(temporary, "r+", **options) as file:
+            for name, array in arrays.items():
+                if len(array) and (k == 0 or name in CHANGING):
+                    at = begin[name] + k * stride[name]
+                    file[f"VTKHDF/{name}"][at : at + len(array)] = array
 
     with written_by_all(comm, path) as in_file:
-        for step, of_step in enumerate(chain([arrays], steps)):
+        in_file(create if together or comm.rank == 0 else None)
+        for k, arrays in enumerate(chain([first], steps)):
             for turn in range(1 if together else comm.size):
                 mine = together or turn == comm.rank
-                in_file(partial(write_step, turn, step, of_step) if mine else None)
+                in_file(partial(fill, k, arrays) if mine else None)
