@@ -46,6 +46,15 @@ def test_small_deflections(share):
     assert rigidity == pytest.approx(1.0 / (3.0 * share), rel=1e-6 + 5 * share**2)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.98])
+def test_large_deflections(share):
+    """Straight along the load but near the clamp: w/L = 1 - (2 - sqrt 2)/sqrt(P L^2/EI)."""
+    number = ((2.0 - np.sqrt(2.0)) / (1.0 - share)) ** 2
+    rest = np.exp(-2.0 * np.sqrt(number))  # of the load beside the strip's free end
+    rigidity = bending_rigidity(1.0, 1.0, share)
+    assert rigidity == pytest.approx(1.0 / number, rel=1e-12 + 100.0 * rest)
+
+
 def test_peirce():
     """The bending length is half of what hangs over at 43 degrees; q L^4/(8 w) if small."""
     # cos(21.5 deg)/tan(43 deg) = 0.998.
