@@ -322,6 +322,8 @@ def test_uniform_values_are_told():
     assert text(COMM, "Angle", {"a": angle, "b": bent}, 1e-6, " deg") is None
     noise = {"warp": 1e-15 * bent, "weft": 3.0 + 0.0 * angle}
     assert text(COMM, "T", noise, 1e-9, " N") == "T: uniform, warp 0 N, weft 3 N."
+    noise = {"warp": np.array([-5e-10, 9e-10])}
+    assert text(COMM, "T", noise, 1e-9, " N") == "T: uniform, 0 N."
 
 
 @pytest.mark.parametrize(
