@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Woven fabrics as parallel networks of cruciform elements.
 
-Names are loaded when they are first used, so that the command line can hand its options to PETSc
-before anything starts it.
+- The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
+- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
+  their `solve()` gives a `TestResult`.
+- What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
+- Case files: `Case`. Errors: `CruciformError` and its kinds `InputError`, `SolverError`.
+
+`help(cruciform_petsc.Network)` tells more of each, README.md has a script to begin with. Names
+are loaded when they are first used, so that the command line can hand its options to PETSc before
+anything starts it.
 """
 
 from __future__ import annotations

@@ -351,13 +351,14 @@ def uniform_text(
 ) -> str | None:
     """Tell the values of maps that are the same all over, None if one is not. Collective.
 
-    To 1e-6 of their size, or to ``rounding``.
+    To 1e-6 of their size, or to ``rounding``, below which values are none.
     """
     told = []
     for name, value in values.items():
         good = value[np.isfinite(value)]
         low, high = least(comm, good), most(comm, good)
-        if high - low > max(1e-6 * max(-low, high), rounding):
+        size = max(-low, high)
+        if size > rounding and high - low > max(1e-6 * size, rounding):
             return None
         middle = 0.5 * (low + high)
         shown = f"{0.0 if abs(middle) < rounding else middle:.4g}{unit}"

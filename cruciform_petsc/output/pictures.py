@@ -105,12 +105,12 @@ def yarns(
     thickness = bar_width(*bounds(points))
     # Bars lie outside of the cloth, on whichever side that is.
     points += [bar_corners(a, b, thickness) for ends in edges for a, b in ends]
-    figure, axes, points_per_metre = _panels(*bounds(points), len(panels))
+    names = [name for name, _, _ in panels]
+    figure, axes, points_per_metre = _panels(*bounds(points), names)
     colours = colour_scale([sample.values for sample in samples])
-    for panel, (name, sample, _), ends in zip(axes, panels, edges, strict=True):
+    for panel, sample, ends in zip(axes, samples, edges, strict=True):
         _add_yarns(panel, sample, colours, points_per_metre, before)
         _add_clamps(panel, ends, thickness)
-        panel.set_title(name)
     colour_bar(axes, colours, label)
     figure.suptitle(title)
     every = max(sample.every for sample in samples)
@@ -182,16 +182,16 @@ def maps(
     """
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
-    figure, axes, _ = _panels(*bounds(sample.outline), len(values) + bool(difference))
-    groups = [(axes[: len(values)], names, values, colour_scale(values, share), label)]
     if difference:
-        less, text = values[0] - values[1], f"{names[0]} minus {names[1].lower()}"
-        scale = colour_scale([less], 0.99, centred=True)
-        groups.append((axes[-1:], [text], [less], scale, difference))
-    for panels, titles, of, colours, what in groups:
-        for panel, name, value in zip(panels, titles, of, strict=True):
+        names.append(f"{names[0]} minus {names[1].lower()}")
+    figure, axes, _ = _panels(*bounds(sample.outline), names if len(names) > 1 else [""])
+    groups = [(axes[: len(values)], values, colour_scale(values, share), label)]
+    if difference:
+        less = values[0] - values[1]
+        groups.append((axes[-1:], [less], colour_scale([less], 0.99, centred=True), difference))
+    for panels, of, colours, what in groups:
+        for panel, value in zip(panels, of, strict=True):
             _add_map(panel, sample, value, colours)
-            panel.set_title(name if len(axes) > 1 else "")
         colour_bar(panels, colours, what)
     figure.suptitle(title)
     return figure
@@ -221,24 +221,32 @@ def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: ScalarM
         cells.set_clip_path(border)
 
 
-def _panels(low: np.ndarray, high: np.ndarray, columns: int) -> tuple[Figure, list[Axes], float]:
+def _panels(
+    low: np.ndarray, high: np.ndarray, titles: Sequence[str]
+) -> tuple[Figure, list[Axes], float]:
     """Axes in mm side by side in true scale, and how many points a metre is in them."""
     from matplotlib.figure import Figure
 
+    columns = len(titles)
     middle, size = 0.5 * (low + high), 1.04 * (high - low)
     inches_per_metre = min(HEIGHT / size[1], WIDEST / columns**0.5 / size[0])
     width, height = size * inches_per_metre
-    figure = Figure(figsize=(columns * max(width + 0.35, 1.15) + 1.6, height + 1.0))
-    figure.set_layout_engine("compressed")
+    figure = Figure(figsize=(columns * width, height + 1.0))
     axes = figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
-    for panel in axes:
+    for panel, title in zip(axes, titles, strict=True):
         panel.set_aspect("equal")
+        panel.set_title(title)
         panel.set(xlabel="x (mm)", xlim=1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
         panel.set(ylim=1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
         panel.locator_params(axis="x", nbins=max(2, min(6, int(width / 0.6))), min_n_ticks=2)
         panel.tick_params(direction="out", length=3, color="0.5")
         panel.spines[:].set_color("0.75")
     axes[0].set_ylabel("y (mm)")
+    # The layout leaves no room for titles that are wider than their panels.
+    widest = max(panel.title.get_window_extent().width for panel in axes) / figure.dpi
+    beside = max(0.5 * (widest + 0.15 - width), 0.04)  # inches
+    figure.set_layout_engine("compressed", w_pad=beside)
+    figure.set_figwidth(columns * max(width + 2.0 * beside + 0.27, 1.15) + 1.6)
     return figure, list(axes), 72.0 * inches_per_metre
 
 

@@ -176,6 +176,19 @@ def test_stages(finite):
     assert tops == pytest.approx([92.0, 96.0])
 
 
+def test_titles_wider_than_their_panels(finite):
+    """They do not touch."""
+    state = finite.states[-1]
+    sample = sample_yarns(finite.network, state.node_displacement, state.fields)
+    title = "a specimen at an extension of 100 mm"
+    figure = made(lambda: pictures.yarns([(title, sample, [])] * 3))
+    *axes, _ = figure.axes
+    figure.draw_without_rendering()
+    spans = [panel.title.get_window_extent().intervalx for panel in axes]
+    assert spans[0][1] < spans[1][0]
+    assert spans[1][1] < spans[2][0]
+
+
 def test_with_and_without_bending(small):
     """In this order, with one colour scale."""
     without = BiasExtension(small.network, "1 mm", bending=False).solve()
@@ -309,6 +322,8 @@ def test_uniform_values_are_told():
     assert text(COMM, "Angle", {"a": angle, "b": bent}, 1e-6, " deg") is None
     noise = {"warp": 1e-15 * bent, "weft": 3.0 + 0.0 * angle}
     assert text(COMM, "T", noise, 1e-9, " N") == "T: uniform, warp 0 N, weft 3 N."
+    noise = {"warp": np.array([-5e-10, 9e-10])}
+    assert text(COMM, "T", noise, 1e-9, " N") == "T: uniform, 0 N."
 
 
 @pytest.mark.parametrize(
