@@ -18,6 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import EquilibriumError, SolverError
+from ..solvers.callbacks import callback, calling_back
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
 from .state import Found, State
@@ -124,9 +125,11 @@ class Equilibrium:
         self._last = _Evaluated(key.copy(), state, force, energies, energy, gradient, support)
         return self._last
 
+    @callback
     def _function(self, snes, vector, result) -> None:
         result.setArray(self._evaluate(vector).gradient)
 
+    @callback
     def _jacobian(self, snes, vector, matrix, _preconditioner) -> None:
         state = self._evaluate(vector).state
         self.model.stiffness(state, reuse=matrix, before=self._before)
@@ -143,6 +146,7 @@ class Equilibrium:
         support = self._last.support if self._last else 0.0
         return RELATIVE_RESIDUAL * support + ROUNDING * self.model.extent * self._size
 
+    @callback
     def _converged(self, snes, iteration, norms):
         residual = norms[2]
         self._history.append(float(residual))
@@ -154,6 +158,7 @@ class Equilibrium:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         return PETSc.SNES.ConvergedReason.ITERATING
 
+    @callback
     def _before_step(self, vector, step) -> None:
         """Make SNES's step (which it subtracts) lead downhill and be of the right length."""
         here = self._evaluate(vector)
@@ -245,7 +250,7 @@ class Equilibrium:
         self._history, self._recent, self._shifted = [], [], 0
         self._vector.set(0.0)
         try:
-            with self._options():
+            with self._options(), calling_back(self.snes):
                 self.snes.solve(None, self._vector)
         except (PETSc.Error, SolverError) as error:
             raise self._failed(error) from error
@@ -296,7 +301,7 @@ class Equilibrium:
         right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
         self.snes.ksp.setOperators(self._matrix)
         try:
-            with self._options():
+            with self._options(), calling_back(self.snes):
                 self.snes.setUp()
                 self.snes.ksp.solve(right, answer)
         except (PETSc.Error, SolverError) as error:
@@ -310,9 +315,7 @@ class Equilibrium:
 
     def _failed(self, error: PETSc.Error | SolverError) -> EquilibriumError:
         """What is raised for an error within PETSc or within what it calls. Collective."""
-        what = (self._multigrid and self._multigrid.error) or error
-        if isinstance(what, PETSc.Error):
-            what = f"PETSc error {what.ierr}"
+        what = f"PETSc error {error.ierr}" if isinstance(error, PETSc.Error) else error
         return EquilibriumError(
             f"the linear solver failed: {what}", "SETUP", self._history, self._worst()
         )
