@@ -361,6 +361,45 @@ def test_interrupt(drive, ranks):
     assert "Traceback" not in result.stderr
 
 
+IN_NEWTON = """
+import os, signal
+from cruciform_petsc import BiasExtension, Network
+from cruciform_petsc.equilibrium.model import Model
+whole, calls = Model.{method}, []
+
+def stopped(*arguments, **options):
+    calls.append(0)
+    if len(calls) == 4 and comm.rank == {rank}:
+        {do}
+    return whole(*arguments, **options)
+
+Model.{method} = stopped
+network = Network(comm, case.preform(refine=3), case.fabric())
+BiasExtension(network, ["1 mm", "2 mm"], finite=True).solve()
+"""
+
+
+@pytest.mark.parametrize("ranks", [0, 2])
+@pytest.mark.parametrize(
+    ("method", "do", "code"),
+    [
+        ("force", "raise KeyboardInterrupt", 130),
+        ("stiffness", "os.kill(os.getpid(), signal.SIGINT)", 130),
+        ("force", "os.kill(os.getpid(), signal.SIGTERM)", 143),
+        ("stiffness", "raise ZeroDivisionError('why')", 1),
+    ],
+    ids=["raised", "SIGINT", "SIGTERM", "fault"],
+)
+def test_interrupt_in_newton(drive, ranks, method, do, code):
+    """In what PETSc calls, on the last rank, while the others go on with it: all end."""
+    body = IN_NEWTON.format(method=method, rank=max(ranks - 1, 0), do=do)
+    result = drive(ranks, body)
+    assert result.returncode == code, result.stderr
+    assert ("Traceback" in result.stderr) == (code == 1)
+    said = "ZeroDivisionError: why" if code == 1 else "cruciform-petsc: interrupted"
+    assert said in result.stderr
+
+
 def test_collective_loading(tmp_path, case):
     """Every rank gets the same case, and the same error; so do errors that are no InputError."""
     script = tmp_path / "collective.py"

@@ -88,6 +88,26 @@ def test_interrupt_says_how_to_go_on(case, tmp_path, number, code):
         assert "Traceback" not in result.stderr
 
 
+def test_interrupt_of_some_thousand_crossovers(tmp_path):
+    """Most of the time is PETSc's then: obeyed there, and the curve after it is the same."""
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.replace('"22 mm", "40 mm"', '"110 mm", "220 mm"').replace("40\n", "8\n"))
+    assert cruciform_petsc(0, "run", path, "--output", tmp_path / "whole").returncode == 0
+    for number, code, increments in ((signal.SIGINT, 130, 2), (signal.SIGTERM, 143, 4)):
+        out = tmp_path / number.name
+        result = interrupted(path, out, number, increments)
+        assert result.returncode == code
+        assert sentences(result) == [
+            f"interrupted; what was reached is kept, continue with: cruciform-petsc resume {out}"
+        ]
+        with (out / "increments.csv").open() as file:
+            reached = list(csv.DictReader(file))
+        assert len(reached) < 8
+        assert cruciform_petsc(0, "resume", out).returncode == 0
+        for row, row_wanted in zip(curve(out), curve(tmp_path / "whole"), strict=True):
+            assert row == pytest.approx(row_wanted, rel=1e-6, abs=1e-15)
+
+
 def test_resumed_by_the_folder(case, tmp_path, wanted):
     """On two ranks what one had begun; once more there is nothing to do."""
     out = tmp_path / "out"

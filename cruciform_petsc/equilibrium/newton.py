@@ -10,7 +10,7 @@ residual against the forces of what holds and loads.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
@@ -18,7 +18,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import EquilibriumError, SolverError
-from ..solvers.options import PREFIX, RAISED, petsc_options, reason_name, set_from_options
+from ..solvers.callbacks import callback, calling_back
+from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
 from .state import Found, State
 from .tangents import prepare, tangent_settings
@@ -44,19 +45,6 @@ class _Evaluated:
     energy: float  # all of them: what goes down
     gradient: np.ndarray
     support: float  # norm of the forces of what holds and loads, N
-
-
-def _kept(callback: Callable) -> Callable:
-    """Note what a method that PETSc calls raises: PETSc tells its caller no more than a code."""
-
-    def call(self, *arguments):
-        try:
-            return callback(self, *arguments)
-        except BaseException as error:
-            self._raised = error
-            raise
-
-    return call
 
 
 class Equilibrium:
@@ -88,7 +76,6 @@ class Equilibrium:
         self._before: np.ndarray | None = None  # positions of the last tangent
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
-        self._raised: BaseException | None = None  # by what PETSc calls
         self._shifted = 0
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
@@ -138,11 +125,11 @@ class Equilibrium:
         self._last = _Evaluated(key.copy(), state, force, energies, energy, gradient, support)
         return self._last
 
-    @_kept
+    @callback
     def _function(self, snes, vector, result) -> None:
         result.setArray(self._evaluate(vector).gradient)
 
-    @_kept
+    @callback
     def _jacobian(self, snes, vector, matrix, _preconditioner) -> None:
         state = self._evaluate(vector).state
         self.model.stiffness(state, reuse=matrix, before=self._before)
@@ -159,7 +146,7 @@ class Equilibrium:
         support = self._last.support if self._last else 0.0
         return RELATIVE_RESIDUAL * support + ROUNDING * self.model.extent * self._size
 
-    @_kept
+    @callback
     def _converged(self, snes, iteration, norms):
         residual = norms[2]
         self._history.append(float(residual))
@@ -171,7 +158,7 @@ class Equilibrium:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
         return PETSc.SNES.ConvergedReason.ITERATING
 
-    @_kept
+    @callback
     def _before_step(self, vector, step) -> None:
         """Make SNES's step (which it subtracts) lead downhill and be of the right length."""
         here = self._evaluate(vector)
@@ -260,10 +247,10 @@ class Equilibrium:
         """
         begin = time.perf_counter()
         self._start, self._last, self._before = guess, None, None
-        self._history, self._recent, self._shifted, self._raised = [], [], 0, None
+        self._history, self._recent, self._shifted = [], [], 0
         self._vector.set(0.0)
         try:
-            with self._options():
+            with self._options(), calling_back(self.snes):
                 self.snes.solve(None, self._vector)
         except (PETSc.Error, SolverError) as error:
             raise self._failed(error) from error
@@ -306,7 +293,7 @@ class Equilibrium:
             Change of the nodes' forces.
         """
         model, owned = self.model, self.model.nodes.num_nodes_owned
-        free, self._last, self._raised = model.free(state.hold), None, None
+        free, self._last = model.free(state.hold), None
         change = model.from_axes(np.where(free, 0.0, model.to_axes(change)))
         self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
         pushed = model.to_axes(model.times(blocks, change)[:owned])
@@ -314,7 +301,7 @@ class Equilibrium:
         right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
         self.snes.ksp.setOperators(self._matrix)
         try:
-            with self._options():
+            with self._options(), calling_back(self.snes):
                 self.snes.setUp()
                 self.snes.ksp.solve(right, answer)
         except (PETSc.Error, SolverError) as error:
@@ -327,12 +314,8 @@ class Equilibrium:
         return moved, model.times(blocks, moved)
 
     def _failed(self, error: PETSc.Error | SolverError) -> EquilibriumError:
-        """What an error of PETSc or of what it calls means; raises an interrupt. Collective."""
-        what = (self._multigrid and self._multigrid.error) or self._raised or error
-        if isinstance(what, PETSc.Error) and what.ierr != RAISED:
-            what = f"PETSc error {what.ierr}"
-        elif not isinstance(what, SolverError):
-            raise what
+        """What is raised for an error within PETSc or within what it calls. Collective."""
+        what = f"PETSc error {error.ierr}" if isinstance(error, PETSc.Error) else error
         return EquilibriumError(
             f"the linear solver failed: {what}", "SETUP", self._history, self._worst()
         )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from petsc4py import PETSc
 
-from ..errors import SolverError
+from ..solvers.callbacks import callback
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Hierarchy
 from ..solvers.options import DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
@@ -63,34 +63,21 @@ class TangentMultigrid:
     """Preconditioner of type python: a cycle of the yarn multigrid, made anew for each tangent.
 
     Levels are set up by what is in the options database then.
-
-    Attributes
-    ----------
-    error : SolverError or None
-        Why the last set-up failed; on its way through PETSc an exception may lose its words.
     """
 
     def __init__(self, make: Callable[[PETSc.Mat], Hierarchy], prefix: str):
         self._make, self.prefix = make, prefix
         self._solver: LinearSolver | None = None
-        self.error: SolverError | None = None
 
+    @callback
     def setUp(self, pc: PETSc.PC) -> None:
         """Coarse levels and smoother for the matrix that the preconditioner has now."""
         self.free()
         matrix, _ = pc.getOperators()
-        self.error = None
-        try:
-            self._solver = LinearSolver(
-                matrix,
-                extra={"pc_type": "mg"},
-                prefix=self.prefix,
-                multigrid=self._make,
-            )
-        except SolverError as error:
-            self.error = error
-            raise
+        extra = {"pc_type": "mg"}
+        self._solver = LinearSolver(matrix, extra=extra, prefix=self.prefix, multigrid=self._make)
 
+    @callback
     def apply(self, _pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """One cycle."""
         assert self._solver is not None

@@ -11,10 +11,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..errors import SolverError
+from .callbacks import calling_back
 from .multigrid import Hierarchy
 from .options import (
     PREFIX,
-    RAISED,
     STEPS,
     default_options,
     near_null_space,
@@ -98,10 +98,9 @@ class LinearSolver:
             if kind == "mg" and multigrid is not None:
                 self._attach(multigrid(matrix), prefix)
             try:
-                self.ksp.setUp()
+                with calling_back(self.ksp):
+                    self.ksp.setUp()
             except PETSc.Error as error:
-                if error.ierr == RAISED:  # an interrupt, say
-                    raise
                 raise SolverError(
                     f"the preconditioner '{self.ksp.getPC().getType()}' could not be set up "
                     f"(PETSc error {error.ierr})",
@@ -136,7 +135,7 @@ class LinearSolver:
         x = rhs.duplicate()
         begin = time.perf_counter()
         self.ksp.setInitialGuessNonzero(False)
-        self.ksp.solve(rhs, x)
+        self._apply(rhs, x)
         solution_s = time.perf_counter() - begin
         reason = self.ksp.getConvergedReason()
         history = [float(value) for value in self.ksp.getConvergenceHistory()]
@@ -173,6 +172,10 @@ class LinearSolver:
             )
         return x, info
 
+    def _apply(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        with calling_back(self.ksp):
+            self.ksp.solve(b, x)
+
     def _refuse_mechanism(self) -> None:
         """Raise SolverError if some motion costs no energy. Collective.
 
@@ -188,7 +191,7 @@ class LinearSolver:
         x.setArray(np.cos(np.arange(begin, end) ** 2))  # some of every motion
         for _ in range(2):
             y.pointwiseMult(diagonal, x)
-            self.ksp.solve(y, x)
+            self._apply(y, x)
             y.pointwiseMult(diagonal, x)
             x.scale(1.0 / np.sqrt(x.dot(y)))
         self.matrix.mult(x, y)

@@ -15,7 +15,6 @@ from petsc4py import PETSc
 from ..errors import InputError
 
 PREFIX = "cruciform_"
-RAISED = -1  # ierr of a PETSc.Error that stands for what Python raised in something PETSc called
 # Up to here a sparse Cholesky factorisation is the default: planar graphs fill in little, and it
 # finds mechanisms, which an iteration cannot. At 363,000 unknowns it takes 2.4 times as long as the
 # yarn multigrid (1.6 s, with OpenBLAS) and half a GiB; no general iteration is faster.

@@ -30,6 +30,7 @@ from scipy.sparse import csr_array, tril
 
 from ..errors import SolverError
 from ..parallel import Halo
+from .callbacks import callback
 from .csr import local_rows
 
 # The factors and couplings of the smoother are kept in single precision. Rounding them is the same
@@ -526,5 +527,6 @@ class _Sweep:
     def __init__(self, smoother: YarnSmoother, order: tuple[int, ...]):
         self.smoother, self.order = smoother, order
 
+    @callback
     def apply(self, pc, b: PETSc.Vec, x: PETSc.Vec) -> None:
         x.setArray(self.smoother.apply(b.getArray(readonly=True), self.order))
