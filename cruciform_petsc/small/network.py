@@ -217,9 +217,10 @@ class LinearNetwork:
         blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
         for group in self.groups:
             alike = {mode: part / _largest(part) for mode, part in group.parts.items()}
-            for modes in (self.modes, *((mode,) for mode in self.modes)):
-                matrix, _ = kernels.condense(np.sum([alike[mode] for mode in modes], 0), self._kept)
-                self._add(blocks, group, abs(matrix) > STRUCTURE * _largest(matrix))
+            sums = [np.sum([*alike.values()], 0), *alike.values()]
+            matrices = [kernels.condense(part, self._kept)[0] for part in sums]
+            there = [abs(matrix) > STRUCTURE * _largest(matrix) for matrix in matrices]
+            self._add(blocks, group, np.any(there, axis=0))
         return pattern.layout(pattern.collect(blocks))
 
     @property

@@ -209,13 +209,7 @@ def interpolation(
     grid = np.zeros((3, *shape), np.uint8)
     geometry = cell, share, float(step), fine.values, fine.slopes
     _mark(*geometry, grid)
-    # Components along warp and chequerboards by warp lines, along weft by weft lines.
-    asked = []
-    for c in range(3):
-        lines = np.argwhere(grid[c].T if c != 1 else grid[c])
-        asked.append(lines[:, ::-1] if c != 1 else lines)
-    component = np.repeat(np.arange(3), [len(lines) for lines in asked])
-    i, j = np.concatenate(asked).T
+    component, i, j = np.nonzero(grid)
     strong = grid[component, i, j] == 3
     point = np.stack([i, j], axis=1) + low
     number = np.full((3, *shape), -1, np.int64)
@@ -224,11 +218,9 @@ def interpolation(
     )
     room = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column: np.ndarray = np.empty(room, _INT)
-    code: np.ndarray = np.empty(room, np.uint8)
-    weight: np.ndarray = np.empty(room)
-    size = _rows(*geometry, number, pointer, column, code, weight)
-    column, code, weight = column[:size], code[:size], weight[:size]
+    entries = np.empty(room, _INT), np.empty(room, np.uint8), np.empty(room)
+    size = _rows(*geometry, number, pointer, *entries)
+    column, code, weight = (part[:size] for part in entries)
     by_corner = Corners(cell, pointer, code, weight.copy(), number, low)
     sort_rows(pointer, column, weight)
     matrix = aij(comm, (n, len(point_owned)), pointer, column, weight)
@@ -237,13 +229,10 @@ def interpolation(
 
 
 def _number(comm, owner, component, point, strong):
-    """Global numbers of coarse unknowns; -1 for those that no strong weight asks for. Collective.
+    """Global numbers of the coarse unknowns asked for. Collective.
 
-    Returns
-    -------
-    number : int64 (n,), one for each unknown asked for
-    component : int (n_owned,), point : int64 (n_owned, 2)
-        This rank's coarse unknowns.
+    Returns int64 (n,), -1 for those that no strong weight asks for, and components (n_owned,) and
+    points (n_owned, 2) of this rank's coarse unknowns.
     """
     owned = np.zeros(0, np.int64)
 
