@@ -48,59 +48,31 @@ class Unknowns:
 
     Each is a combination of the next level's fields (u_warp, u_weft, chequerboard) and slopes
     (d u_weft/d warp, d u_warp/d weft), interpolated at a point.
-
-    Attributes
-    ----------
-    point : float (n, 2)
-        Lattice coordinates, in fine pitches.
-    values : float (n, 3)
-        Factors of the fields' values; zero where prescribed.
-    slopes : float (n, 2)
-        Factors of the slopes, per fine pitch.
-    owner : callable
-        Ranks that own lattice points, int (m, 2) -> int (m,); also of points outside the cloth.
-    lines : OnYarns, optional
-        On which yarns they lie: for the smoother of the finest level.
     """
 
-    point: np.ndarray
-    values: np.ndarray
-    slopes: np.ndarray
+    point: np.ndarray  # float (n, 2), lattice coordinates, in fine pitches
+    values: np.ndarray  # float (n, 3), factors of the fields' values; zero where prescribed
+    slopes: np.ndarray  # float (n, 2), factors of the slopes, per fine pitch
+    # Ranks that own lattice points, int (m, 2) -> int (m,); also of points outside the cloth.
     owner: Callable[[np.ndarray], np.ndarray]
-    lines: OnYarns | None = None
+    lines: OnYarns | None = None  # on which yarns they lie: for the finest level's smoother
 
 
 @dataclass
 class Hierarchy:
-    """A geometric multigrid's coarse levels. LinearSolver frees all of it.
+    """A geometric multigrid's coarse levels. LinearSolver frees all of it."""
 
-    Attributes
-    ----------
-    interpolations, matrices : lists of PETSc.Mat
-        Finest first; matrices of the coarse levels.
-    smoother : YarnSmoother, optional
-        Of the finest level; without it PETSc's, by options.
-    sweeps : int
-        Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
-    """
-
-    interpolations: list[PETSc.Mat]
-    matrices: list[PETSc.Mat]
-    smoother: YarnSmoother | None = None
-    sweeps: int = SWEEPS
+    interpolations: list[PETSc.Mat]  # finest first
+    matrices: list[PETSc.Mat]  # of the coarse levels
+    smoother: YarnSmoother | None = None  # of the finest level; without it PETSc's, by options
+    sweeps: int = SWEEPS  # of it, before and after; -mg_yarn_sweeps overrules, 0 takes PETSc's
 
 
 def hierarchy(matrix: PETSc.Mat, unknowns: Unknowns, coarsest: int = COARSEST) -> Hierarchy:
     """Interpolations, coarse matrices and smoother for a matrix. Collective.
 
-    Parameters
-    ----------
-    matrix : PETSc.Mat (AIJ)
-        Symmetric; it couples points of the lattice that are less than two pitches apart.
-    unknowns : Unknowns
-        In the order of the matrix's rows.
-    coarsest : int
-        Unknowns that are few enough for a factorisation.
+    The matrix is symmetric and couples points of the lattice that are less than two pitches apart;
+    ``unknowns`` are in the order of its rows, ``coarsest`` of them few enough for a factorisation.
     """
     comm = matrix.comm.tompi4py()
     # Chequerboards are a field of their own, if any unknown takes part in them.

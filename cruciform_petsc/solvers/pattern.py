@@ -27,15 +27,11 @@ _INT = np.dtype(PETSc.IntType).type
 
 @dataclass
 class Layout:
-    """Which entries of the blocks a matrix holds, in compressed rows.
+    """Which entries of the blocks a matrix holds, in compressed rows."""
 
-    rows, columns : PETSc's integers; columns are global.
-    source : uint32 (uint64 if need be), place of each entry in the flattened array of blocks.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    source: np.ndarray
+    rows: np.ndarray  # PETSc's integers
+    columns: np.ndarray  # global
+    source: np.ndarray  # uint32 (uint64 if need be), their places in the flattened array of blocks
 
 
 class BlockPattern:
@@ -43,7 +39,6 @@ class BlockPattern:
 
     Parameters
     ----------
-    nodes : DistributedNodes
     connectivities : sequence of int (m, k) arrays
         Local nodes of the elements, one array for each kind of element.
     block : int
@@ -52,8 +47,8 @@ class BlockPattern:
     Attributes
     ----------
     slots : list of int32 (m, k, k)
-        Place in the array of blocks of each element's pairs of nodes, for each connectivity.
-    diagonal : int (n_owned,)
+        Places in the array of blocks of each element's pairs of nodes, by kind.
+    diagonal : int32 (n_owned,)
         Places of the blocks of owned nodes with themselves.
     """
 

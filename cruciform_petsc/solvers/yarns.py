@@ -26,7 +26,7 @@ import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse import block_array, csr_array, tril
+from scipy.sparse import csr_array, tril
 
 from ..errors import SolverError
 from ..parallel import Halo
@@ -46,22 +46,14 @@ _OTHER, _BEYOND = -1, -2  # see _split
 
 @dataclass
 class OnYarns:
-    """On which yarns the unknowns of a rank lie.
+    """On which yarns the unknowns of a rank lie."""
 
-    Attributes
-    ----------
-    line : int32 (n, 2)
-        Number of the warp yarn and of the weft yarn that an unknown belongs to, -1 for none. All
-        belong to one, those of ends on the outline to two.
-    place : float (n, 2)
-        Where on these yarns; ascending along them.
-    joint : bool (n,), optional
-        Where yarns are cut between ranks: arm ends. By default everywhere. Couplings across a cut
-        that pass a joint by are left out, as those between yarns are.
-    """
-
+    # int32 (n, 2), number of the warp and of the weft yarn that each belongs to, -1 for none. All
+    # belong to one, those of ends on the outline to two.
     line: np.ndarray
-    place: np.ndarray
+    place: np.ndarray  # float (n, 2), where on these yarns; ascending along them
+    # bool (n,), where yarns are cut between ranks: arm ends. By default everywhere. Couplings
+    # across a cut that pass a joint by are left out, as those between yarns are.
     joint: np.ndarray | None = None
 
 
@@ -76,10 +68,8 @@ def _split(rows, num_inner, num_with_outer, position, line, pointer, column, val
     position (n_local,): place in the order of elimination; _OTHER in the other family, _BEYOND for
     what no one here knows. Rows from ``num_inner`` on are joints, those from ``num_with_outer`` on
     have no couplings to the other family. What couplings to other yarns of the family have been
-    adds to the diagonal.
-
-    Returns pointers of the two (rows + 1,), columns and values of the first; those of the second
-    are written to what is given.
+    adds to the diagonal. Returns pointers of the two (rows + 1,), columns and values of the first;
+    those of the second are written to ``outer_column``, ``outer_value``.
     """
     n = len(rows)
     inner, outer = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
@@ -238,6 +228,32 @@ def _backward(rows, start, factor_column, factor, inverse, x, y):
             y[factor_column[e]] -= factor[e] * value
 
 
+@numba.njit(cache=True)
+def _merge(pointer, column, value, ghost_pointer, ghost_column, ghost_value, num_ghost):
+    """Rows of own unknowns with both halves in one, then ghosts' rows: their own columns only."""
+    n = len(pointer) - 1
+    start = np.zeros(n + num_ghost + 1, np.int64)
+    for r in range(n):
+        start[r + 1] = pointer[r + 1] - pointer[r] + ghost_pointer[r + 1] - ghost_pointer[r]
+    for e in range(len(ghost_column)):
+        start[n + ghost_column[e] + 1] += 1
+    start = np.cumsum(start)
+    at = start[n:-1].copy()
+    columns, values = np.empty(start[-1], np.int32), np.empty(start[-1])
+    for r in range(n):
+        k = start[r]
+        for e in range(pointer[r], pointer[r + 1]):
+            columns[k], values[k] = column[e], value[e]
+            k += 1
+        for e in range(ghost_pointer[r], ghost_pointer[r + 1]):
+            g = ghost_column[e]
+            columns[k], values[k] = n + g, ghost_value[e]
+            k += 1
+            columns[at[g]], values[at[g]] = r, ghost_value[e]
+            at[g] += 1
+    return start, columns, values
+
+
 # -- families and sweeps -----------------------------------------------------------------------
 
 
@@ -259,12 +275,8 @@ class _Local:
 class _Family:
     """One family's yarns: their factors, and their couplings to the other family.
 
-    If a joint's block is singular on this rank, ``schur`` is not finite.
-
-    Parameters
-    ----------
-    line : int (n_local,), the yarn of each unknown, -1 for none
-    place : float (n_local,)
+    line int32 (n_local,), the yarn of each unknown, -1 for none; place float (n_local,). If a
+    joint's block is singular on this rank, ``schur`` is not finite.
     """
 
     def __init__(self, local: _Local, line: np.ndarray, place: np.ndarray):
@@ -306,10 +318,9 @@ class _Family:
         )  # fmt: skip
         self.y = np.empty(n)
         # Joints: what they hang on, and their Schur complement, summed up by the owner.
-        size = len(rows), len(line)
-        self.joints_outer = csr_array((outer_value, outer_column, outer), size)[n:]
-        self.eliminated = csr_array((factor, factor_column, start), (len(rows), n))[n:]
-        lower = csr_array((value, column, inside), (len(rows),) * 2)[n:, n:]
+        self.joints_outer = _rows_from(n, outer, outer_column, outer_value, len(line))
+        self.eliminated = _rows_from(n, start, factor_column, factor, n)
+        lower = _rows_from(n, inside, column, value, len(rows))[:, n:]
         schur = (lower + tril(lower, -1).T - self.eliminated @ self.eliminated.T).tocoo()
         node = joints // d
         same = node[schur.row] == node[schur.col]  # of couplings between joints none is kept
@@ -357,6 +368,14 @@ def _joints(local: _Local, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return _unknowns(np.unique(cut[0] // d), d), _unknowns(np.unique(cut[1] // d), d)
 
 
+def _rows_from(n: int, pointer, column, value, width: int) -> csr_array:
+    """Rows from the n-th on of some compressed ones."""
+    part = slice(pointer[n], pointer[-1])
+    return csr_array(
+        (value[part], column[part], pointer[n:] - pointer[n]), (len(pointer) - n - 1, width)
+    )
+
+
 def _unknowns(nodes: np.ndarray, block: int) -> np.ndarray:
     """All unknowns of some nodes."""
     return (nodes[:, None] * block + np.arange(block)).ravel()
@@ -365,14 +384,8 @@ def _unknowns(nodes: np.ndarray, block: int) -> np.ndarray:
 class YarnSmoother:
     """Gauss-Seidel between the two families of yarns, as a PETSc preconditioner. Collective.
 
-    Parameters
-    ----------
-    matrix : PETSc.Mat (AIJ)
-        Symmetric, positive definite. Its block size is the number of unknowns per node; nodes are
-        not split between yarns.
-    lines : OnYarns
-        Of the unknowns that this rank owns.
-
+    The matrix (AIJ) is symmetric, positive definite; its block size is the number of unknowns per
+    node, and nodes are not split between yarns. ``lines`` are of the unknowns that this rank owns.
     Raises SolverError on every rank if yarns cannot be joined where ranks meet.
     """
 
@@ -394,12 +407,8 @@ class YarnSmoother:
                 halo.forward(values)
             arrays = rows.pointer, rows.column, rows.value
             if len(ghost):
-                own = csr_array((rows.value, rows.column, rows.pointer), (n, n))
                 column = np.searchsorted(ghost, rows.ghost)[rows.ghost_column]
-                beside = csr_array((rows.ghost_value, column, rows.ghost_pointer), (n, len(ghost)))
-                none = csr_array((len(ghost), len(ghost)))
-                merged = block_array([[own, beside], [beside.T.tocsr(), none]])
-                arrays = merged.indptr, merged.indices, merged.data
+                arrays = _merge(*arrays, rows.ghost_pointer, column, rows.ghost_value, len(ghost))
             local = _Local(*arrays, halo, block, joint)
             self.families = [
                 _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
@@ -439,11 +448,12 @@ class YarnSmoother:
             inner.setPythonContext(_Sweep(self, families))
 
 
+@dataclass
 class _Sweep:
     """What PETSc calls."""
 
-    def __init__(self, smoother: YarnSmoother, order: tuple[int, ...]):
-        self.smoother, self.order = smoother, order
+    smoother: YarnSmoother
+    order: tuple[int, ...]
 
     def apply(self, pc, b: PETSc.Vec, x: PETSc.Vec) -> None:
         x.setArray(self.smoother.apply(b.getArray(readonly=True), self.order))
