@@ -325,11 +325,11 @@ class _Family:
         node = joints // d
         same = node[schur.row] == node[schur.col]  # of couplings between joints none is kept
         row, col = joints[schur.row[same]], joints[schur.col[same]]
-        blocks = np.zeros((len(line), d, d))  # the halo knows unknowns, not nodes
-        blocks[row // d * d, row % d, col % d] = schur.data[same]
-        local.halo.reverse(blocks)
-        self.own = own
-        schur = blocks[own[::d]]
+        halo = local.halo  # of unknowns, not nodes; on one rank there are no joints
+        blocks = np.zeros((len(line) if halo.comm.size > 1 else 0, d))
+        blocks[row, col % d] = schur.data[same]
+        halo.reverse(blocks)
+        self.own, schur = own, blocks[own].reshape(-1, d, d)
         try:
             self.schur = np.linalg.inv(0.5 * (schur + np.swapaxes(schur, 1, 2)))
         except np.linalg.LinAlgError:  # on this rank: YarnSmoother tells the others
