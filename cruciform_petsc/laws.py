@@ -171,15 +171,9 @@ def _evaluate_all(data: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Potential:
-    """An energy density w(x) with w(0) = w'(0) = 0, even in x; made by the functions below.
+    """An energy density w(x) with w(0) = w'(0) = 0, even in x; made by the functions below."""
 
-    Attributes
-    ----------
-    data : tuple of float
-        See evaluate_law.
-    """
-
-    data: tuple[float, ...]
+    data: tuple[float, ...]  # see evaluate_law
 
     @property
     def name(self) -> str:
@@ -241,17 +235,9 @@ def _listed(kind: float, coefficients: Sequence[float]) -> Potential:
 def table(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> Potential:
     """Run w' through points and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
 
-    Odd in x. Beyond the last point it goes straight on with the slope there.
-
-    Parameters
-    ----------
-    x, y : float (n,)
-        x ascending from zero or above; y at x = 0, if given, is 0.
-
-    Raises
-    ------
-    InputError
-        x does not ascend, a point is not finite, y(0) is not zero, or x and y differ in length.
+    Odd in x; beyond the last point it goes straight on with the slope there. x (n,) ascends from
+    zero or above; y at x = 0, if given, is 0. Raises InputError if that is not so, if a point is
+    not finite, or if x and y differ in length.
     """
     from scipy.interpolate import PchipInterpolator
 

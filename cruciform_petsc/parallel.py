@@ -68,19 +68,10 @@ def most(comm: MPI.Intracomm, values, initial=-np.inf):
 
 
 def send_by_rank(comm: MPI.Intracomm, rank: np.ndarray, *records: np.ndarray) -> list[np.ndarray]:
-    """Send row k of each array to rank[k]. Collective.
+    """Send row k of each array (n, ...) to rank[k]. Collective.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    rank : int (n,)
-    records : arrays (n, ...)
-        Of the same types and shapes (but for n) on every rank.
-
-    Returns
-    -------
-    list of arrays (m, ...)
-        The rows received, by sender, those of one sender in its order.
+    Types and shapes (but for n) are the same on every rank. Returns arrays (m, ...) of the rows
+    received, by sender, those of one sender in its order.
     """
     order = np.argsort(rank, kind="stable")
     send = np.bincount(rank, minlength=comm.size)
@@ -125,8 +116,6 @@ class Halo:
 
     Parameters
     ----------
-    comm : mpi4py communicator
-    num_owned : int
     ghost_owner : int (n_ghost,)
         Rank that owns each ghost.
     ghost_key : int64 (n_ghost, ...)
@@ -220,13 +209,10 @@ class DistributedNodes:
 
     Parameters
     ----------
-    comm : mpi4py communicator
     owned_key : int64 (n_owned,), ascending
         Names of this rank's nodes, the same on any number of ranks.
-    ghost_key : int64 (m,)
-        Names of the nodes of other ranks that this one needs; they may repeat.
-    ghost_owner : int (m,)
-        Their owners.
+    ghost_key, ghost_owner : int64 (m,), int (m,)
+        Names and owners of the nodes of other ranks that this one needs; they may repeat.
 
     Attributes
     ----------
@@ -234,7 +220,6 @@ class DistributedNodes:
         This rank's nodes, these and its ghosts, those of all ranks.
     node_key : int64 (n_local,)
         Names: owned ones ascending, then the ghosts', ascending too.
-    node_offset : int
     node_number_global : int64 (n_local,)
         Owned: node_offset + 0, 1, 2 ...; ghosts: the owner's number.
     ghost_owner : int32 (n_ghost,)

@@ -17,7 +17,6 @@ results/bench_scaling.json and a picture.
 
 import argparse
 import time
-from functools import partial
 from math import ceil, log, log2, sqrt
 from pathlib import Path
 
@@ -27,7 +26,6 @@ from benchlib import COMM, Table
 from mpi4py import MPI
 from scipy.optimize import nnls
 
-from cruciform_petsc.small.multigrid import yarn_multigrid
 from cruciform_petsc.solvers.linear import LinearSolver
 from cruciform_petsc.solvers.multigrid import COARSEST, SWEEPS
 from cruciform_petsc.solvers.options import YARN_MULTIGRID
@@ -103,11 +101,7 @@ def measure(comm: MPI.Intracomm, crossovers: float, repeat: int) -> dict:
     def make():
         for solver in made:
             solver.destroy()
-        made[:] = [
-            LinearSolver(
-                case.matrix, options=OPTIONS, multigrid=partial(yarn_multigrid, case.linear)
-            )
-        ]
+        made[:] = [LinearSolver(case.matrix, options=OPTIONS, multigrid=case.linear.multigrid)]
 
     setup = shortest(comm, make, 2)
     solver = made[0]

@@ -13,7 +13,6 @@ of the yarn multigrid for many preforms and fabrics. All print Markdown and writ
 
 import argparse
 import gc
-from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -23,7 +22,6 @@ from benchlib import COMM, System, Table, clock, cloth, matvec_seconds, system
 from petsc4py import PETSc
 
 from cruciform_petsc.errors import SolverError
-from cruciform_petsc.small.multigrid import yarn_multigrid
 from cruciform_petsc.solvers.linear import LinearSolver
 from cruciform_petsc.solvers.options import DIRECT, DIRECT_LIMIT, YARN_MULTIGRID
 
@@ -65,9 +63,7 @@ def measure(case: System, options: dict, check: bool = False) -> dict | None:
     solver = None
     try:
         with clock() as setup:
-            solver = LinearSolver(
-                case.matrix, near_null, options, multigrid=partial(yarn_multigrid, case.linear)
-            )
+            solver = LinearSolver(case.matrix, near_null, options, multigrid=case.linear.multigrid)
         with clock() as solution:
             x, info = solver.solve(case.rhs, singular=not check)
         x.destroy()

@@ -39,15 +39,9 @@ def arm_rows(a, t, strain_source=None, rotation_source=None):
 
     eps_k = t_k . (u_k - u_0)/a_k,  theta_k = n_k . (u_k - u_0)/a_k.
 
-    Parameters
-    ----------
-    strain_source, rotation_source : int (n, 4), optional
-        Arm whose strain (rotation) an arm takes: its own number normally, the opposite arm's for
-        an arm that has none of its own, HELD for none at all.
-
-    Returns
-    -------
-    strain, rotation : float (n, 4, 10)
+    ``strain_source``, ``rotation_source`` (n, 4): arm whose strain (rotation) an arm takes, by
+    default its own; the opposite arm for one that has none of its own, HELD for none at all.
+    Returns two float (n, 4, 10).
     """
     inverse = np.divide(1.0, a, out=np.zeros_like(a), where=a > 0)
     rows = []
@@ -103,12 +97,8 @@ def bending(a, t, rigidity, length_scale: float) -> np.ndarray:
     deflections measured from the hinge, which moves (the printed element suppresses its
     deflection), and the coupling 2 L^2 where [25] prints 3 L^2.
 
-    Parameters
-    ----------
-    rigidity : float (n, 4)
-        Flexural rigidity of the arms, [23]: yarn rigidity x yarns per length x width, N m^2.
-    length_scale : float
-        Rotations are stored times this length, m.
+    ``rigidity`` (n, 4) is the flexural rigidity of the arms, [23]: yarn rigidity x yarns per length
+    x width, N m^2. Rotations are stored times ``length_scale``, m.
     """
     normal = normals(t)
     result = np.zeros((len(a), 16, 16))
@@ -125,13 +115,8 @@ def condense(stiffness: np.ndarray, keep: int) -> tuple[np.ndarray, np.ndarray]:
     """Eliminate the unknowns behind the first ``keep`` (paper [9]-[15] for the hinge).
 
     Free directions of the eliminated unknowns (a matrix of one mode alone may leave the hinge free)
-    are given the value of smallest norm.
-
-    Returns
-    -------
-    condensed : float (n, keep, keep), symmetric
-    recovery : float (n, m - keep, keep)
-        Eliminated unknowns from the kept ones (without loads on them).
+    are given the value of smallest norm. Returns the condensed matrices (n, keep, keep), symmetric,
+    and (n, m - keep, keep): the eliminated unknowns from the kept ones, without loads on them.
     """
     side = stiffness[:, keep:, :keep]
     recovery = -np.linalg.pinv(stiffness[:, keep:, keep:], rcond=1e-13, hermitian=True) @ side

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -22,7 +21,6 @@ from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
 from ..quantities import EXTENSION, Quantity
-from ..small.multigrid import yarn_multigrid
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
@@ -273,7 +271,7 @@ class Experiment:
             matrix,
             lambda: _columns(linear.soft_motions()[owned]),
             extra=self.options,
-            multigrid=partial(yarn_multigrid, linear),
+            multigrid=linear.multigrid,
         )
         x, info = solver.solve(rhs)
         local = linear.local(x)

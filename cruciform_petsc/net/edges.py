@@ -18,44 +18,22 @@ from .network import Network
 
 
 class Constraints:
-    """What is known about the nodes of a network before it is solved.
-
-    Parameters
-    ----------
-    network : Network
-    bending : bool
-        Whether nodes carry yarn rotations.
-
-    Attributes
-    ----------
-    fixed : bool (n_local, d)
-        Prescribed unknowns; d = 3 with bending, else 2.
-    value : float (n_local, d)
-        Their values in m.
-    frame : float (n_local, 2, 2)
-        Rows: the node's displacement axes in the yarn frame.
-    held : bool (n_local,)
-        Clamped: both displacements and the yarn's direction are prescribed.
-    held_arm : bool (n_local, 4)
-        Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
-    tied : bool (n_local,)
-        The first displacement is one common unknown of all tied nodes.
-    guided : bool (n_local,)
-        The first displacement is prescribed, by a guide.
-    force : float (n_local, 2)
-        Loads in the yarn frame, N; complete on every rank that has the node.
-    """
+    """What is known about the nodes of a network before it is solved; with bending they rotate."""
 
     def __init__(self, network: Network, bending: bool):
         n, d = network.num_nodes_local, 3 if bending else 2
         self.network, self.bending = network, bending
-        self.fixed = np.zeros((n, d), bool)
-        self.value = np.zeros((n, d))
+        self.fixed = np.zeros((n, d), bool)  # prescribed unknowns
+        self.value = np.zeros((n, d))  # their values, m
+        # Rows: a node's displacement axes in the yarn frame.
         self.frame = np.tile(np.eye(2), (n, 1, 1))
+        # Clamped: both displacements and the yarn's direction are prescribed.
         self.held = np.zeros(n, bool)
+        # Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
         self.held_arm = np.zeros((n, 4), bool)
-        self.tied = np.zeros(n, bool)
-        self.guided = np.zeros(n, bool)
+        self.tied = np.zeros(n, bool)  # the first displacement is one common unknown of all
+        self.guided = np.zeros(n, bool)  # the first displacement is prescribed, by a guide
+        # Loads in the yarn frame, N; complete on every rank that has the node.
         self.force = np.zeros((n, 2))
 
     def nodes_on(self, edge: str) -> np.ndarray:
@@ -66,12 +44,10 @@ class Constraints:
         network = self.network
         candidates = np.flatnonzero(network.node_is_boundary)
         on = np.zeros(network.num_nodes_local, bool)
-        on[candidates] = self._near(
-            candidates, shapely.multilinestrings(network.preform.edge(edge))
-        )
+        line = shapely.multilinestrings(network.preform.edge(edge))
+        on[candidates] = self._near(candidates, line)
         network.halo.forward(on)
-        found = network.comm.allreduce(int(on[: network.num_nodes_owned].sum()))
-        if found == 0:
+        if not network.comm.allreduce(int(on[: network.num_nodes_owned].sum())):
             raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
         return np.flatnonzero(on)
 
@@ -150,8 +126,7 @@ class Constraints:
         For bodies under loads alone: three of them take away the rigid motions.
         """
         here = np.flatnonzero(self.network.node_key == node_key)
-        for component in components:
-            self.fixed[here, component] = True
+        self.fixed[here[:, None], np.array(components)] = True
 
     def line_load(self, edge: str, traction) -> None:
         """Put a force per length (x, y), N/m, on an edge, straight or not. Collective.
@@ -209,16 +184,8 @@ def lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> n
     """Part of a line that each of the points on it stands for, times a weight along the line.
 
     Points stand for the line up to halfway to their neighbours, the outer ones up to its ends;
-    points that coincide share.
-
-    Parameters
-    ----------
-    where : float (n,)
-        Places of the points along the line.
-    knots : float (k + 1,)
-        Where the weight changes; first and last are the ends of the line.
-    share : float (k,)
-        Weights between the knots.
+    points that coincide share. ``where`` (n,) are their places along the line, ``knots`` (k + 1,)
+    those where the weight changes, first and last its ends; ``share`` (k,) the weights between.
     """
     if len(where) == 0:
         return np.zeros(0)
@@ -234,14 +201,9 @@ def lumped_lengths(where: np.ndarray, knots: np.ndarray, share: np.ndarray) -> n
 def keep_moment(lengths: list[np.ndarray], levers: list[np.ndarray], moment: float) -> None:
     """Lean the lengths of the family with the widest spread until all have a moment together.
 
-    In place; an edge with a single yarn end, or a load along it, stays as it is.
-
-    Parameters
-    ----------
-    lengths, levers : two float arrays each
-        Of each family: lengths that the yarn ends stand for, moments of the traction there.
-    moment : float
-        What the sum over all ends of length times lever is to be.
+    In place; an edge with a single yarn end, or a load along it, stays as it is. ``lengths`` of
+    each family are what the yarn ends stand for, ``levers`` the moments of the traction there;
+    ``moment`` is what the sum over all ends of length times lever is to be.
     """
     excess = sum(part @ lever for part, lever in zip(lengths, levers, strict=True)) - moment
     size = max(abs(lever).max(initial=0.0) for lever in levers)

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from .keys import pair_key
-
 # Points this close to a lattice line, in pitches, lie on it: rounding of the outline's coordinates.
 SNAP = 1e-6
 # A shorter arm, in pitches, is left out and its crossover counts as lying on the outline: stiffness
@@ -28,6 +26,24 @@ OPPOSITE = np.array([2, 3, 0, 1])
 HELD = -1  # source of a missing arm at a clamp: no strain, no rotation
 # Quadrants as (warp arm, weft arm), counted from zero, anticlockwise from the first.
 QUADRANTS = np.array([[0, 1], [2, 1], [2, 3], [0, 3]])
+
+# Where arms 1 to 4 of a crossover end, in quarters of a pitch from it: shared ends, and tails. The
+# crossovers, or hinges, are at multiples of 4: the last two bits of a key tell these three apart.
+BETWEEN, TAIL = np.array([2, 2, -2, -2]), np.array([1, 1, -1, -1])
+
+
+def pack_key(family: int, line, place):
+    """Key of a place on a yarn, int64: sorts by family, then yarn, then along the yarn.
+
+    Bit 62 is the family, then come 30 bits of the yarn's number and 32 of the place, in quarters of
+    a pitch: places are added to keys.
+    """
+    return (np.int64(family) << 62) + ((line + 2**29) << 32) + (place + 2**31)
+
+
+def pair_key(line: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Key of a crossover position on a yarn: sorts by yarn, then along it."""
+    return (np.asarray(line, np.int64) << 32) + (np.asarray(position, np.int64) + 2**31)
 
 
 def snapped(coordinates: np.ndarray) -> np.ndarray:
@@ -45,22 +61,12 @@ def boundary_segments(outline: shapely.Polygon) -> np.ndarray:
 
 @dataclass
 class YarnLines:
-    """Parts of the yarns of one family that lie inside the outline.
+    """Parts of the yarns of one family that lie inside the outline, by yarn and along it."""
 
-    Attributes
-    ----------
-    line : int64 array (n,)
-        Number of the yarn, ascending.
-    start, end : float arrays (n,)
-        Where the part begins and ends along the yarn; ascending within a yarn.
-    first, last : int64 arrays (n,)
-        First and last crossover position on it; first > last where it meets none.
-    """
-
-    line: np.ndarray
-    start: np.ndarray
+    line: np.ndarray  # int64 (n,), number of the yarn
+    start: np.ndarray  # float (n,), where the part begins along the yarn
     end: np.ndarray
-    first: np.ndarray
+    first: np.ndarray  # int64 (n,), first and last crossover on it; first > last for none
     last: np.ndarray
 
     def find(self, line: np.ndarray, position: np.ndarray) -> np.ndarray:
@@ -90,12 +96,8 @@ def yarn_lines(segments: np.ndarray, family: int) -> YarnLines:
     A yarn that runs along an edge counts as inside, and so does one that touches a corner: each is
     the union of what lines infinitely close on either side of it keep.
 
-    Parameters
-    ----------
-    segments : float array (n, 2, 2)
-        Boundary of the outline in lattice coordinates, already snapped.
-    family : int
-        0 for the warp yarns (second coordinate constant), 1 for the weft yarns.
+    ``segments`` (n, 2, 2) bound the outline, in lattice coordinates, already snapped; ``family`` is
+    0 for the warp yarns (second coordinate constant), 1 for the weft yarns.
     """
     along, across = segments[..., family], segments[..., 1 - family]
     low, high = across.min(axis=1), across.max(axis=1)
@@ -141,11 +143,8 @@ def cells_cut(segments: np.ndarray) -> np.ndarray:
     """Lattice cells (squares of side 1 around the crossovers) that the outline passes through.
 
     Of a piece that runs along the border of two cells one of them is found, neither at a corner
-    where it only touches them: those left out are beside one that is found.
-
-    Returns
-    -------
-    int64 array (n, 2), unique (i, j).
+    where it only touches them: those left out are beside one that is found. Returns int64 (n, 2),
+    unique (i, j).
     """
     n = len(segments)
     begin, delta = segments[:, 0], segments[:, 1] - segments[:, 0]
@@ -175,17 +174,9 @@ def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
     the quarter's two borders (half each if both exist), else to the one across its corner: every
     bit of the outline is then carried by the nearest arms (mechanics: tails of yarns).
 
-    Parameters
-    ----------
-    ij : int array (n, 2)
-        Crossovers near the outline.
-    present : callable
-        present(ij) tells which lattice points are crossovers; shape (..., 2) -> bool (...).
-    outline : shapely polygon in lattice coordinates.
-
-    Returns
-    -------
-    float array (n, 4), in squared pitches, order of QUADRANTS.
+    ``ij`` (n, 2) are crossovers near the outline, present(ij) (..., 2) -> bool (...) tells which
+    lattice points are crossovers, ``outline`` is in lattice coordinates. Returns float (n, 4), in
+    squared pitches, order of QUADRANTS.
     """
     area = np.zeros((len(ij), 4))
     if len(ij) == 0:

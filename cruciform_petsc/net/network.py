@@ -20,12 +20,15 @@ from ..cloth.preform import Preform
 from ..errors import InputError
 from ..memory import check_memory
 from ..parallel import DistributedNodes, find_sorted
-from .keys import BETWEEN, TAIL, pack_key, pair_key
 from .lattice import (
     ARM_STEP,
+    BETWEEN,
     SHORTEST_ARM,
+    TAIL,
     boundary_segments,
     cells_cut,
+    pack_key,
+    pair_key,
     quadrant_areas,
     snapped,
     yarn_lines,
@@ -43,12 +46,6 @@ class Network(DistributedNodes):
     """Net of crossovers and arm ends of a fabric inside an outline, dealt out over the ranks.
 
     Collective. Raises InputError on every rank if the outline holds no crossover.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    preform : Preform
-    fabric : Fabric
 
     Attributes
     ----------
@@ -118,9 +115,6 @@ class Network(DistributedNodes):
     def _to_lattice(self, xy: np.ndarray) -> np.ndarray:
         return self.to_yarn(xy - self.preform.lattice_origin) / self.pitch
 
-    def _to_xy(self, lattice: np.ndarray) -> np.ndarray:
-        return self.to_lab(lattice * self.pitch) + self.preform.lattice_origin
-
     def to_yarn(self, vectors: np.ndarray) -> np.ndarray:
         """Components in x, y (..., 2) -> along warp and weft at rest."""
         return vectors @ self.preform.rotation.T
@@ -143,7 +137,7 @@ class Network(DistributedNodes):
         ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
         n = len(ij)
         self.crossover_ij = ij.astype(np.int32)
-        self.crossover_position = self._to_xy(ij)
+        self.crossover_position = self.to_lab(ij * self.pitch) + self.preform.lattice_origin
         self.crossover_number_global = self.crossover_number(ij)
         around = np.indices((3, 3)).reshape(2, -1).T - 1
         near_i, near_j = (cells_cut(segments)[:, None] + around).reshape(-1, 2).T
@@ -180,17 +174,13 @@ class Network(DistributedNodes):
 
     # -- nodes ----------------------------------------------------------------------------------
 
-    def _node_keys(self) -> np.ndarray:
-        """Keys of the nodes at the ends of the arms, (n_owned, 4); the hinge's for missing arms."""
-        i, j = self.crossover_ij.astype(np.int64).T
-        warp, weft = pack_key(0, j, 4 * i), pack_key(1, i, 4 * j)  # the crossover on its two yarns
-        keys = np.where(self.arm_is_shared, BETWEEN, TAIL)
-        keys += np.stack([warp, weft, warp, weft], axis=1)
-        return np.where(self.arm_length == 0, warp[:, None], keys)
-
     def _make_nodes(self) -> None:
         ij = self.crossover_ij.astype(np.int64)
-        keys = self._node_keys()
+        i, j = ij.T
+        warp, weft = pack_key(0, j, 4 * i), pack_key(1, i, 4 * j)  # the crossovers on their yarns
+        keys = np.where(self.arm_is_shared, BETWEEN, TAIL)
+        keys += np.stack([warp, weft, warp, weft], axis=1)
+        keys = np.where(self.arm_length == 0, warp[:, None], keys)  # the hinge's
         owner = np.full(keys.shape, self.comm.rank, np.int32)
         for arm in (2, 3):  # an end shared by two crossovers belongs to the lower one
             behind = ij + ARM_STEP[arm]

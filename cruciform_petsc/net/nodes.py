@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..parallel import DistributedNodes
-from .keys import pack_key
-from .lattice import ARM_STEP
+from .lattice import ARM_STEP, pack_key
 from .network import Network
 
 
@@ -15,6 +14,11 @@ class Nodes(DistributedNodes):
     """Arm ends and hinges of a network as one distributed set of nodes. Collective.
 
     Owned nodes are numbered by yarn, the hinges along the warp yarns between their arm ends.
+
+    Parameters
+    ----------
+    dim : int
+        In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
 
     Attributes
     ----------
@@ -27,17 +31,10 @@ class Nodes(DistributedNodes):
         At hinges: the ends of the yarn that crosses the warp, and the weft, there, in its
         direction; -1 at other nodes. Next hinges that are ghosts have them in space only. Where
         that yarn has no arm, the two are one node; or in space those of the crossover beside it.
-
     rest : float (n_local, dim)
         Positions at rest, lab frame, m; z = 0.
     frame : float (n_local, dim, dim)
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
-
-    Parameters
-    ----------
-    network : Network
-    dim : int
-        In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
     """
 
     def __init__(self, network: Network, dim: int = 2):
@@ -74,14 +71,7 @@ class Nodes(DistributedNodes):
         self.frame = np.tile(np.eye(dim), (self.num_nodes_local, 1, 1))
         self.frame[:, :2, :2] = network.to_lab(np.eye(2))
 
-    def _crossing_elsewhere(
-        self,
-        network: Network,
-        hinge_key: np.ndarray,
-        next_key: np.ndarray,
-        joined: np.ndarray,
-        ends: np.ndarray,
-    ) -> np.ndarray:
+    def _crossing_elsewhere(self, network, hinge_key, next_key, joined, ends) -> np.ndarray:
         """Keys and owners (m, 2) of other ranks' arm ends that cross at next hinges. Collective.
 
         Owners of hinges know what crosses there, and whose it is. Where the crossing yarn has no

@@ -18,30 +18,19 @@ from .lattice import HELD, OPPOSITE, QUADRANTS
 
 @dataclass
 class Supports:
-    """How the cruciforms of a rank carry load. Boundary arrays follow network.boundary_crossovers.
+    """How the cruciforms of a rank carry load. n_boundary follows network.boundary_crossovers."""
 
-    Attributes
-    ----------
-    round_ : int32 (n_owned,)
-        0 for crossovers that carry load. Others are left out of equilibrium, in this round of
-        removal: those that hang on by one arm end without yarn bending (nothing keeps them from
-        turning about it), and tips of free corners.
-    strain_source, rotation_source : int (n_boundary, 4)
-        See elements.small.arm_rows.
-    quadrant_area : float (n_boundary, 4)
-        Areas that carry: without quadrants of a yarn that has no arm at its crossover.
-    slaved : bool (n_boundary, 4)
-        Tails that follow their yarn: their transverse displacement is no unknown.
-    active : bool (n_local, d)
-        Unknowns that exist.
-    """
-
+    # int32 (n_owned,), 0 for crossovers that carry load. Others are left out of equilibrium, in
+    # this round of removal: those that hang on by one arm end without yarn bending (nothing keeps
+    # them from turning about it), and tips of free corners.
     round_: np.ndarray
-    strain_source: np.ndarray
+    strain_source: np.ndarray  # int (n_boundary, 4), see elements.small.arm_rows
     rotation_source: np.ndarray
+    # float (n_boundary, 4), what carries: without quadrants of a yarn that has no arm there.
     quadrant_area: np.ndarray
+    # bool (n_boundary, 4), tails that follow their yarn: no unknown moves them across it.
     slaved: np.ndarray
-    active: np.ndarray
+    active: np.ndarray  # bool (n_local, d), unknowns that exist
 
     @property
     def carrying(self) -> np.ndarray:
@@ -181,21 +170,15 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
     network.halo.reverse(joint, np.logical_or)
     of_crossover = label[nodes[:, 0]]
     owned = np.flatnonzero(users[: network.num_nodes_owned])
-    labels = np.unique(np.concatenate([label[owned], of_crossover]))
-    at, at_crossover = np.searchsorted(labels, label[owned]), np.searchsorted(labels, of_crossover)
-    size = len(labels)
-    counts = [
-        labels,
-        np.bincount(at, constraints.fixed[owned].sum(axis=1), size),
-        np.bincount(at, minlength=size),
-        np.bincount(at_crossover, minlength=size),
-        np.bincount(at, joint[owned] & (users[owned] == 2), size),
-    ]
-    every = np.concatenate(network.comm.allgather(np.stack(counts, axis=1).astype(np.int64)))
-    parts, part = np.unique(every[:, 0], return_inverse=True)
-    total = np.zeros((len(parts), 4), np.int64)
-    np.add.at(total, part, every[:, 1:])
-    fixed, ends, crossovers, joints = total.T
+    # Prescribed unknowns, arm ends, joints and crossovers of each part.
+    counts = np.zeros((len(owned) + m, 4), np.int64)
+    counts[: len(owned), 0] = constraints.fixed[owned].sum(axis=1)
+    counts[: len(owned), 1] = 1
+    counts[: len(owned), 2] = joint[owned] & (users[owned] == 2)
+    counts[len(owned) :, 3] = 1
+    here = _sums(np.concatenate([label[owned], of_crossover]), counts)
+    parts, total = _sums(*map(np.concatenate, zip(*network.comm.allgather(here), strict=True)))
+    fixed, ends, joints, crossovers = total.T
     if len(parts) == 0:
         raise InputError(
             "nothing carries load: without yarn bending every crossover turns freely; switch "
@@ -207,3 +190,10 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         name = "the body" if len(parts) == 1 else f"a part of {ends[loose].max()} arm ends"
         raise InputError(f"{name} can float: no clamp holds it; clamp an edge that its yarns reach")
     return np.flatnonzero(carrying)[np.isin(of_crossover, parts[scrap])]
+
+
+def _sums(names: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Different names, ascending, and the sum of the counts of each."""
+    different, place = np.unique(names, return_inverse=True)
+    total = [np.bincount(place, count, len(different)) for count in counts.T]
+    return different, np.stack(total, axis=1).astype(np.int64)

@@ -10,7 +10,7 @@ In the folder ``checkpoint`` of the results lie the folders
 In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and
 positions, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
 gets its name when all this is on the disk and has been read back. A key is a place on a yarn
-(`net.keys`), whatever the ranks are: those that go on read equal shares of the records, and send
+(`net.lattice`), whatever the ranks are: those that go on read equal shares of the records, and send
 them to the ranks that own these places now. No rank ever holds all.
 """
 

@@ -135,7 +135,7 @@ def _yarn_rotations(result: TestResult, state: State) -> np.ndarray:
     rotation = np.einsum("nq,nqf->nf", share, fields["arm_rotation"][:, QUADRANTS])
     loose = np.flatnonzero(~supports.carrying | (area.sum(axis=1) == 0.0))
     moved = state.node_displacement[network.arm_node[loose]]
-    moved = (moved - fields["displacement"][loose, None]) @ network.preform.rotation.T
+    moved = network.to_yarn(moved - fields["displacement"][loose, None])
     rest = network.arm_length[loose][..., None] * ARM_STEP
     arm = rest + moved
     turned = rest[..., 0] * arm[..., 1] - rest[..., 1] * arm[..., 0]

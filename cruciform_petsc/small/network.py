@@ -14,7 +14,9 @@ from ..errors import InputError
 from ..net.edges import Constraints
 from ..net.supports import Supports, find_supports, pass_on_loads
 from ..parallel import most
+from ..solvers.multigrid import Hierarchy, Unknowns, hierarchy
 from ..solvers.pattern import BlockPattern, Layout
+from ..solvers.yarns import OnYarns
 
 MODES = ("tension", "shear", "bending")
 # Entries of an element this small beside its largest are rounding: true ones are 1e-5 and more
@@ -217,9 +219,10 @@ class LinearNetwork:
         blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
         for group in self.groups:
             alike = {mode: part / _largest(part) for mode, part in group.parts.items()}
-            for modes in (self.modes, *((mode,) for mode in self.modes)):
-                matrix, _ = kernels.condense(np.sum([alike[mode] for mode in modes], 0), self._kept)
-                self._add(blocks, group, abs(matrix) > STRUCTURE * _largest(matrix))
+            sums = [np.sum([*alike.values()], 0), *alike.values()]
+            matrices = [kernels.condense(part, self._kept)[0] for part in sums]
+            there = [abs(matrix) > STRUCTURE * _largest(matrix) for matrix in matrices]
+            self._add(blocks, group, np.any(there, axis=0))
         return pattern.layout(pattern.collect(blocks))
 
     @property
@@ -298,6 +301,48 @@ class LinearNetwork:
         if not self.bending:
             motions = np.concatenate([motions, self.turning_squares()[:, :, None]], axis=2)
         return motions * self.free[:, :, None]
+
+    # -- multigrid ------------------------------------------------------------------------------
+
+    def multigrid(self, matrix: PETSc.Mat) -> Hierarchy:
+        """Coarse levels and smoother for a stiffness made here. Collective."""
+        return hierarchy(matrix, self.unknowns())
+
+    def unknowns(self) -> Unknowns:
+        """Points, coarse fields and yarns of the unknowns that this rank owns. Collective."""
+        network, d = self.network, self.unknowns_per_node
+        owned = slice(0, network.num_nodes_owned)
+        frame, pitch = self.constraints.frame[owned], network.pitch
+        place = network.node_position[owned] - network.preform.lattice_origin
+        lattice = network.to_yarn(place) / pitch
+        warp = network.node_family[owned] == 0
+        values, slopes = np.zeros((len(warp), d, 3)), np.zeros((len(warp), d, 2))
+        values[:, :2, :2] = frame
+        if d == 3:
+            # Rotation of a warp yarn: d u_weft/d warp; of a weft yarn: -d u_warp/d weft.
+            slopes[warp, 2, 0] = self.length_scale / pitch[0]
+            slopes[~warp, 2, 1] = -self.length_scale / pitch[1]
+        else:
+            values[:, :, 2] = self.turning_squares()[owned] / (0.5 * pitch.mean())
+        values[~self.free[owned]] = 0.0
+        slopes[~self.free[owned]] = 0.0
+
+        line = np.full((len(warp), 2), -1, np.int32)
+        low = network.partition.box[:, 0].min(axis=0)  # numbers of yarns from 0 up
+        number = np.round(lattice).astype(np.int32) - low
+        line[warp, 0], line[~warp, 1] = number[warp, 1], number[~warp, 0]
+        # Ends on the outline lie on the crossing yarn, too, at its crossover.
+        edge = network.boundary_crossovers
+        for arm in range(4):
+            ends = edge[~network.arm_is_shared[edge, arm]]
+            line[network.arm_node[ends, arm]] = (network.crossover_ij[ends] - low)[:, ::-1]
+        return Unknowns(
+            np.repeat(lattice, d, axis=0),
+            values.reshape(-1, 3),
+            slopes.reshape(-1, 2),
+            network.partition.owner,
+            OnYarns(np.repeat(line, d, axis=0), np.repeat(lattice, d, axis=0)),
+        )
 
     # -- results --------------------------------------------------------------------------------
 

@@ -23,21 +23,11 @@ from .network import LinearNetwork
 
 @dataclass
 class ModeSolution:
-    """One of the separate systems.
+    """One of the separate systems."""
 
-    Attributes
-    ----------
-    displacement : float (n_local, d)
-        Node unknowns, ghosts filled.
-    uncarried : float
-        Norm of the part of the load that the mode cannot carry, over the norm of the load.
-    tied_displacement : float
-        Common displacement of the tied edge, m.
-    """
-
-    displacement: np.ndarray
-    uncarried: float
-    tied_displacement: float
+    displacement: np.ndarray  # (n_local, d), node unknowns, ghosts filled
+    uncarried: float  # norm of the part of the load that the mode cannot carry, over the load's
+    tied_displacement: float  # of the tied edge, m
     solver: SolverInfo
 
 
@@ -46,16 +36,9 @@ def solve_separately(
 ) -> dict[str, ModeSolution]:
     """Solve tension, shear and bending each by itself for a load on the tied edge. Collective.
 
-    Parameters
-    ----------
-    linear : LinearNetwork
-        With an edge tied by Constraints.tie.
-    load : float
-        Force along the tied direction, N.
-    options : dict, optional
-        PETSc options under the prefix.
-
-    Raises SolverError on every rank if an iteration fails.
+    ``linear`` has an edge tied by Constraints.tie; ``load`` is the force along the tied direction,
+    N; ``options`` are PETSc's, under the prefix. Raises SolverError on every rank if an iteration
+    fails.
     """
     tie, master = _tie_matrix(linear)
     solutions = {}
@@ -75,12 +58,8 @@ def solve_separately(
         full = tie.createVecLeft()
         tie.mult(x, full)
         tied = float(x.getValue(master)) if begin <= master < end else 0.0
-        solutions[mode] = ModeSolution(
-            linear.local(full),
-            info.relative_residual,
-            linear.network.comm.allreduce(tied),
-            info,
-        )
+        tied = linear.network.comm.allreduce(tied)
+        solutions[mode] = ModeSolution(linear.local(full), info.relative_residual, tied, info)
         solver.destroy()
         for thing in (matrix, reduced, rhs, x, full):
             thing.destroy()

@@ -21,19 +21,15 @@ _PETSC = ctypes.CDLL(PETSc.__file__)  # what petsc4py is linked with is found th
 
 @dataclass
 class LocalRows:
-    """Rows of a matrix that this rank owns. Columns: own ones first, then the ghosts.
-
-    pointer, column, value and ghost_pointer, ghost_column, ghost_value are the two halves of an AIJ
-    matrix in compressed rows; ghost columns count from 0. ghost : int64, their global numbers.
-    """
+    """Rows of a matrix that this rank owns, in compressed rows: own columns, and the ghosts'."""
 
     pointer: np.ndarray
     column: np.ndarray
     value: np.ndarray
     ghost_pointer: np.ndarray
-    ghost_column: np.ndarray
+    ghost_column: np.ndarray  # counted from 0
     ghost_value: np.ndarray
-    ghost: np.ndarray
+    ghost: np.ndarray  # int64, global numbers of the ghosts' columns
 
 
 @numba.njit(cache=True)
@@ -65,18 +61,10 @@ def aij(
     value: np.ndarray,
     block: int = 1,
 ) -> PETSc.Mat:
-    """AIJ matrix from this rank's rows, columns ascending in each. Collective.
+    """AIJ matrix of a block size, from this rank's compressed rows. Collective.
 
-    On one rank PETSc uses the arrays as they are, which saves a copy made row by row.
-
-    Parameters
-    ----------
-    shape : (int, int)
-        Local rows and columns.
-    pointer, column, value
-        Compressed rows; columns are global.
-    block : int
-        Block size.
+    ``shape`` is local; columns are global and ascend in each row. On one rank PETSc uses the arrays
+    as they are, which saves a copy made row by row.
     """
     csr = (pointer.astype(_INT, copy=False), column.astype(_INT, copy=False), value)
     if comm.size == 1:
@@ -113,9 +101,7 @@ def write_values(
 
 @contextmanager
 def local_rows(matrix: PETSc.Mat, write: bool = False) -> Iterator[LocalRows]:
-    """Look at the arrays of a SeqAIJ or MPIAIJ matrix without copying them, for a while.
-
-    With ``write`` values may be changed.
+    """Arrays of a SeqAIJ or MPIAIJ matrix for a while; with ``write`` values may be changed.
 
     petsc4py copies row by row, which takes as long as twenty products of the matrix; PETSc's own
     functions are therefore called through ctypes.

@@ -20,26 +20,14 @@ from .csr import LocalRows, aij, local_rows, sort_rows
 
 @dataclass
 class Corners:
-    """Interpolation of a rank's unknowns, by corners of the coarse lattice's cells.
+    """Interpolation of a rank's unknowns, by corners of the coarse lattice's cells."""
 
-    Attributes
-    ----------
-    cell : int64 (n, 2)
-        The cell of each unknown, in this rank's window of the coarse lattice.
-    pointer, code, weight
-        Compressed rows; code is 4 component + 2 di + dj.
-    number : int64 (3, ni, nj)
-        Global numbers of the window's unknowns, -1 for none.
-    low : int64 (2,)
-        First cell of the window.
-    """
-
-    cell: np.ndarray
-    pointer: np.ndarray
-    code: np.ndarray
+    cell: np.ndarray  # int64 (n, 2), of each unknown, in this rank's window of the coarse lattice
+    pointer: np.ndarray  # compressed rows
+    code: np.ndarray  # 4 component + 2 di + dj
     weight: np.ndarray
-    number: np.ndarray
-    low: np.ndarray
+    number: np.ndarray  # int64 (3, ni, nj), global, of the window's unknowns; -1 for none
+    low: np.ndarray  # int64 (2,), first cell of the window
 
 
 @numba.njit(cache=True, fastmath={"contract"})
@@ -114,53 +102,54 @@ def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETS
     None if A couples unknowns further apart than the lattices allow.
     """
     comm = fine.comm.tompi4py()
-    cell, pointer, code, weight = corners.cell, corners.pointer, corners.code, corners.weight
-    number = corners.number
     with local_rows(fine) as rows:
         if comm.size > 1:
-            ghosts = _ghost_rows(comm, rows, corners)
-            number = number.copy()
-            cell = np.concatenate([cell, ghosts[0]])
-            pointer = np.concatenate([pointer, pointer[-1] + ghosts[1][1:]])
-            code, weight = np.concatenate([code, ghosts[2]]), np.concatenate([weight, ghosts[3]])
-            i, j, k = ghosts[4]
-            number[k // 4, i, j] = ghosts[5]
-        there = np.argwhere(number >= 0)
-        component, point = there[:, 0], there[:, 1:]
+            corners = _with_ghosts(comm, rows, corners)
+        number = corners.number
+        component, i, j = np.nonzero(number >= 0)
         row = np.full(number.shape, -1, np.int64)
-        row[component, point[:, 0], point[:, 1]] = np.arange(len(there))
-        stencils = np.zeros((len(there), 25 * components))
+        row[component, i, j] = np.arange(len(component))
+        stencils = np.zeros((len(component), 25 * components))
         far = _stencils(
-            components, cell, pointer, code, weight, rows.pointer, rows.column, rows.value,
+            components, corners.cell, corners.pointer, corners.code, corners.weight,
+            rows.pointer, rows.column, rows.value,
             rows.ghost_pointer, rows.ghost_column, rows.ghost_value, row, stencils,
         )  # fmt: skip
     if comm.allreduce(int(far)):
         return None
+    row_number, point = number[component, i, j], np.stack([i, j], axis=1)
+    order = np.argsort(row_number, kind="stable")
+    ends = np.cumsum(comm.allgather(n))
+    offset = ends[comm.rank] - n
+    begin, end = np.searchsorted(row_number, [offset, offset + n], sorter=order)
 
     def compressed(which: np.ndarray):
         """Pointer, columns and values of some rows of the stencils."""
         rows = stencils[which]
-        begin = np.concatenate([[0], np.cumsum(np.count_nonzero(rows, axis=1))])
-        column, value = np.empty(begin[-1], np.int64), np.empty(begin[-1])
+        pointer = np.concatenate([[0], np.cumsum(np.count_nonzero(rows, axis=1))])
+        column, value = np.empty(pointer[-1], np.int64), np.empty(pointer[-1])
         _compress(components, component[which], point[which], number, rows, column, value)
-        return begin, column, value
+        return pointer, column, value
 
-    row_number = number[component, point[:, 0], point[:, 1]]
-    offset = comm.exscan(n) or 0
-    order = np.argsort(row_number, kind="stable")
-    first, last = np.searchsorted(row_number[order], [offset, offset + n])
-    own, other = order[first:last], np.concatenate([order[:first], order[last:]])
-    product = compressed(own)
-    sort_rows(*product)
-    if comm.size > 1:
-        theirs = compressed(other)
-        product = _with_contributions(comm, n, offset, row_number[own], product,
-                                      row_number[other], theirs)  # fmt: skip
-    return aij(comm, (n, n), *product)
+    own, other = order[begin:end], np.concatenate([order[:begin], order[end:]])
+    pointer, column, value = compressed(own)
+    # Rows that only other ranks know of are empty here.
+    pointer = pointer[np.searchsorted(row_number[own], np.arange(offset, offset + n + 1))]
+    sort_rows(pointer, column, value)
+    if comm.size > 1:  # what other ranks have found of this one's rows
+        lengths, *theirs = compressed(other)
+        place = np.repeat(row_number[other], np.diff(lengths))
+        owner = np.searchsorted(ends, place, side="right")
+        place, *theirs = send_by_rank(comm, owner, place, *theirs)
+        shape = n, ends[-1]
+        total = csr_array((value, column, pointer), shape)
+        total = total + csr_array((theirs[1], (place - offset, theirs[0])), shape)
+        pointer, column, value = total.indptr, total.indices, total.data
+    return aij(comm, (n, n), pointer, column, value)
 
 
-def _ghost_rows(comm, rows: LocalRows, corners: Corners):
-    """Rows of P of the matrix's ghosts, and the numbers of the corners they hang on. Collective."""
+def _with_ghosts(comm, rows: LocalRows, corners: Corners) -> Corners:
+    """Corners with those of the matrix's ghosts, and their numbers, added. Collective."""
     n = len(rows.pointer) - 1
     halo = Halo.of_numbers(comm, n, rows.ghost)
     sent = halo.exported
@@ -177,24 +166,15 @@ def _ghost_rows(comm, rows: LocalRows, corners: Corners):
     received = halo.to_ghosts(record)
     cell = received[:, :2].astype(np.int64) - corners.low
     which, code = np.nonzero(received[:, 14:] >= 0)
-    pointer = np.searchsorted(which, np.arange(len(received) + 1))
-    weight = received[which, 2 + code]
+    pointer = np.searchsorted(which, np.arange(1, len(received) + 1))
     i, j = cell[which, 0] + (code // 2) % 2, cell[which, 1] + code % 2
-    numbers = received[which, 14 + code].astype(np.int64)
-    return cell, pointer, code.astype(np.uint8), weight, (i, j, code), numbers
-
-
-def _with_contributions(comm, n, offset, row_number, part, other_number, sent):
-    """Own rows with what other ranks have found of them added. Collective."""
-    pointer, column, value = sent
-    rows = np.repeat(other_number, np.diff(pointer))
-    ends = np.cumsum(comm.allgather(n))
-    owner = np.searchsorted(ends, rows, side="right")
-    places, values = send_by_rank(comm, owner, np.stack([rows, column], axis=1), value)
-    length = np.zeros(n, np.int64)  # rows that only others know of are empty here
-    length[row_number - offset] = np.diff(part[0])
-    pointer = np.concatenate([[0], np.cumsum(length)])
-    shape = n, ends[-1]
-    total = csr_array((part[2], part[1], pointer), shape)
-    total = total + csr_array((values, (places[:, 0] - offset, places[:, 1])), shape)
-    return total.indptr, total.indices, total.data
+    number = corners.number.copy()
+    number[code // 4, i, j] = received[which, 14 + code]
+    return Corners(
+        np.concatenate([corners.cell, cell]),
+        np.concatenate([corners.pointer, corners.pointer[-1] + pointer]),
+        np.concatenate([corners.code, code.astype(np.uint8)]),
+        np.concatenate([corners.weight, received[which, 2 + code]]),
+        number,
+        corners.low,
+    )

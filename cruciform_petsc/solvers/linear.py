@@ -14,9 +14,12 @@ from ..errors import SolverError
 from .callbacks import calling_back
 from .multigrid import Hierarchy
 from .options import (
+    DIRECT,
+    DIRECT_LIMIT,
+    ITERATIVE,
     PREFIX,
     STEPS,
-    default_options,
+    YARN_MULTIGRID,
     near_null_space,
     petsc_options,
     reason_name,
@@ -48,19 +51,16 @@ class LinearSolver:
 
     Parameters
     ----------
-    matrix : PETSc.Mat
     near_null : float (n_owned_unknowns, m) or callable that gives it, optional
         Motions that cost (nearly) no energy; asked for by algebraic multigrid only.
     options : mapping, optional
         PETSc options under the prefix. By default: DIRECT for small systems, YARN_MULTIGRID (or
         ITERATIVE where there are no interpolations) for large ones.
     extra : mapping, optional
-        Further options (of a case file) that overrule these.
-    prefix : str
-        Options prefix: ``-cruciform_ksp_type ...`` on the command line overrules all.
+        Further options (of a case file) that overrule these; ``-cruciform_ksp_type ...`` on the
+        command line overrules all.
     multigrid : callable, optional
-        Gives the Hierarchy of a geometric multigrid for the matrix; called if the preconditioner
-        is PETSc's ``mg``.
+        Gives the Hierarchy of a geometric multigrid; called for PETSc's ``mg`` only.
     """
 
     def __init__(
@@ -74,12 +74,16 @@ class LinearSolver:
     ):
         self.matrix = matrix
         begin = time.perf_counter()
-        extra = dict(extra or {})
+        extra, database = dict(extra or {}), PETSc.Options(prefix)
         if options is None:
-            size = matrix.getSize()[0]
-            options = default_options(size, prefix, extra, multigrid is not None)
+            by_size = "cholesky" if matrix.getSize()[0] <= DIRECT_LIMIT else "mg"
+            kind = database.getString("pc_type", str(extra.get("pc_type", by_size)))
+            if kind in ("cholesky", "lu"):
+                options = DIRECT
+            else:
+                options = YARN_MULTIGRID if kind == "mg" and multigrid is not None else ITERATIVE
         options = {**options, **extra}
-        kind = PETSc.Options(prefix).getString("pc_type", str(options.get("pc_type", "")))
+        kind = database.getString("pc_type", str(options.get("pc_type", "")))
         if near_null is not None and kind == "gamg":
             columns = near_null() if callable(near_null) else near_null
             space = near_null_space(columns, matrix.comm.tompi4py())

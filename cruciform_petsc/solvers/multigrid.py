@@ -48,59 +48,31 @@ class Unknowns:
 
     Each is a combination of the next level's fields (u_warp, u_weft, chequerboard) and slopes
     (d u_weft/d warp, d u_warp/d weft), interpolated at a point.
-
-    Attributes
-    ----------
-    point : float (n, 2)
-        Lattice coordinates, in fine pitches.
-    values : float (n, 3)
-        Factors of the fields' values; zero where prescribed.
-    slopes : float (n, 2)
-        Factors of the slopes, per fine pitch.
-    owner : callable
-        Ranks that own lattice points, int (m, 2) -> int (m,); also of points outside the cloth.
-    lines : OnYarns, optional
-        On which yarns they lie: for the smoother of the finest level.
     """
 
-    point: np.ndarray
-    values: np.ndarray
-    slopes: np.ndarray
+    point: np.ndarray  # float (n, 2), lattice coordinates, in fine pitches
+    values: np.ndarray  # float (n, 3), factors of the fields' values; zero where prescribed
+    slopes: np.ndarray  # float (n, 2), factors of the slopes, per fine pitch
+    # Ranks that own lattice points, int (m, 2) -> int (m,); also of points outside the cloth.
     owner: Callable[[np.ndarray], np.ndarray]
-    lines: OnYarns | None = None
+    lines: OnYarns | None = None  # on which yarns they lie: for the finest level's smoother
 
 
 @dataclass
 class Hierarchy:
-    """A geometric multigrid's coarse levels. LinearSolver frees all of it.
+    """A geometric multigrid's coarse levels. LinearSolver frees all of it."""
 
-    Attributes
-    ----------
-    interpolations, matrices : lists of PETSc.Mat
-        Finest first; matrices of the coarse levels.
-    smoother : YarnSmoother, optional
-        Of the finest level; without it PETSc's, by options.
-    sweeps : int
-        Of this smoother, before and after; -mg_yarn_sweeps overrules it, 0 takes PETSc's.
-    """
-
-    interpolations: list[PETSc.Mat]
-    matrices: list[PETSc.Mat]
-    smoother: YarnSmoother | None = None
-    sweeps: int = SWEEPS
+    interpolations: list[PETSc.Mat]  # finest first
+    matrices: list[PETSc.Mat]  # of the coarse levels
+    smoother: YarnSmoother | None = None  # of the finest level; without it PETSc's, by options
+    sweeps: int = SWEEPS  # of it, before and after; -mg_yarn_sweeps overrules, 0 takes PETSc's
 
 
 def hierarchy(matrix: PETSc.Mat, unknowns: Unknowns, coarsest: int = COARSEST) -> Hierarchy:
     """Interpolations, coarse matrices and smoother for a matrix. Collective.
 
-    Parameters
-    ----------
-    matrix : PETSc.Mat (AIJ)
-        Symmetric; it couples points of the lattice that are less than two pitches apart.
-    unknowns : Unknowns
-        In the order of the matrix's rows.
-    coarsest : int
-        Unknowns that are few enough for a factorisation.
+    The matrix is symmetric and couples points of the lattice that are less than two pitches apart;
+    ``unknowns`` are in the order of its rows, ``coarsest`` of them few enough for a factorisation.
     """
     comm = matrix.comm.tompi4py()
     # Chequerboards are a field of their own, if any unknown takes part in them.
@@ -209,13 +181,7 @@ def interpolation(
     grid = np.zeros((3, *shape), np.uint8)
     geometry = cell, share, float(step), fine.values, fine.slopes
     _mark(*geometry, grid)
-    # Components along warp and chequerboards by warp lines, along weft by weft lines.
-    asked = []
-    for c in range(3):
-        lines = np.argwhere(grid[c].T if c != 1 else grid[c])
-        asked.append(lines[:, ::-1] if c != 1 else lines)
-    component = np.repeat(np.arange(3), [len(lines) for lines in asked])
-    i, j = np.concatenate(asked).T
+    component, i, j = np.nonzero(grid)
     strong = grid[component, i, j] == 3
     point = np.stack([i, j], axis=1) + low
     number = np.full((3, *shape), -1, np.int64)
@@ -224,11 +190,9 @@ def interpolation(
     )
     room = 4 * (np.count_nonzero(fine.values) + np.count_nonzero(fine.slopes))
     pointer = np.zeros(n + 1, np.int64)
-    column: np.ndarray = np.empty(room, _INT)
-    code: np.ndarray = np.empty(room, np.uint8)
-    weight: np.ndarray = np.empty(room)
-    size = _rows(*geometry, number, pointer, column, code, weight)
-    column, code, weight = column[:size], code[:size], weight[:size]
+    entries = np.empty(room, _INT), np.empty(room, np.uint8), np.empty(room)
+    size = _rows(*geometry, number, pointer, *entries)
+    column, code, weight = (part[:size] for part in entries)
     by_corner = Corners(cell, pointer, code, weight.copy(), number, low)
     sort_rows(pointer, column, weight)
     matrix = aij(comm, (n, len(point_owned)), pointer, column, weight)
@@ -237,13 +201,10 @@ def interpolation(
 
 
 def _number(comm, owner, component, point, strong):
-    """Global numbers of coarse unknowns; -1 for those that no strong weight asks for. Collective.
+    """Global numbers of the coarse unknowns asked for. Collective.
 
-    Returns
-    -------
-    number : int64 (n,), one for each unknown asked for
-    component : int (n_owned,), point : int64 (n_owned, 2)
-        This rank's coarse unknowns.
+    Returns int64 (n,), -1 for those that no strong weight asks for, and components (n_owned,) and
+    points (n_owned, 2) of this rank's coarse unknowns.
     """
     owned = np.zeros(0, np.int64)
 

@@ -64,27 +64,6 @@ _KINDS = {  # of what a type is an option, and one that every PETSc has
 }
 
 
-def default_options(
-    unknowns: int, prefix: str, extra: Mapping[str, object], multigrid: bool
-) -> dict[str, object]:
-    """Settings by size, or those that belong to the preconditioner asked for.
-
-    Parameters
-    ----------
-    unknowns : int
-        Of all ranks.
-    extra : mapping
-        Options of a case file; the command line's, under the prefix, overrule them.
-    multigrid : bool
-        Whether there is a geometric multigrid for the matrix.
-    """
-    by_size = "cholesky" if unknowns <= DIRECT_LIMIT else "mg"
-    kind = PETSc.Options(prefix).getString("pc_type", str(extra.get("pc_type", by_size)))
-    if kind in ("cholesky", "lu"):
-        return dict(DIRECT)
-    return dict(YARN_MULTIGRID if kind == "mg" and multigrid else ITERATIVE)
-
-
 @contextmanager
 def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
     """Options under a prefix for a while; what the user has set on the command line wins."""

@@ -17,6 +17,7 @@ from functools import cached_property
 import numba
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from ..parallel import DistributedNodes, Halo, send_by_rank
 from .csr import aij, gather, write_values
@@ -26,15 +27,11 @@ _INT = np.dtype(PETSc.IntType).type
 
 @dataclass
 class Layout:
-    """Which entries of the blocks a matrix holds, in compressed rows.
+    """Which entries of the blocks a matrix holds, in compressed rows."""
 
-    rows, columns : PETSc's integers; columns are global.
-    source : uint32 (uint64 if need be), place of each entry in the flattened array of blocks.
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    source: np.ndarray
+    rows: np.ndarray  # PETSc's integers
+    columns: np.ndarray  # global
+    source: np.ndarray  # uint32 (uint64 if need be), their places in the flattened array of blocks
 
 
 class BlockPattern:
@@ -42,7 +39,6 @@ class BlockPattern:
 
     Parameters
     ----------
-    nodes : DistributedNodes
     connectivities : sequence of int (m, k) arrays
         Local nodes of the elements, one array for each kind of element.
     block : int
@@ -51,31 +47,30 @@ class BlockPattern:
     Attributes
     ----------
     slots : list of int32 (m, k, k)
-        Place in the array of blocks of each element's pairs of nodes, for each connectivity.
-    diagonal : int (n_owned,)
+        Places in the array of blocks of each element's pairs of nodes, by kind.
+    diagonal : int32 (n_owned,)
         Places of the blocks of owned nodes with themselves.
     """
 
     def __init__(self, nodes: DistributedNodes, connectivities: Sequence[np.ndarray], block: int):
         self.nodes, self.block = nodes, block
-        owned = nodes.num_nodes_owned
-        number = nodes.node_number_global
-        size = len(number)
-        mesh = _Mesh(connectivities, size)
-        # Rows of ghosts first: what they hold goes to their owners.
-        none = np.zeros(size + 1, np.int64), np.zeros(0, np.int64)
-        ghost_start, ghost_column = mesh.rows(owned, size, False, number, *none)
-        ghost_row = np.repeat(np.arange(owned, size), np.diff(ghost_start))
-        pairs = np.stack([number[ghost_row], ghost_column], axis=1)
-        owner = nodes.ghost_owner[ghost_row - owned]
+        owned, number = nodes.num_nodes_owned, nodes.node_number_global
+        # Every owned node has its own block, also if no element uses it.
+        rows = _neighbours([*connectivities, np.arange(owned)[:, None]], len(number))
+        rows = csr_array(
+            (rows.data, number[rows.indices], rows.indptr), (len(number), nodes.num_nodes_global)
+        )
+        rows.sort_indices()
+        # What rows of ghosts hold goes to their owners.
+        ghost = rows[owned:].tocoo()
+        owner = nodes.ghost_owner[ghost.row]
+        pairs = np.stack([number[owned + ghost.row], ghost.col], axis=1)
         (received,) = send_by_rank(nodes.comm, owner, pairs)
-        place = received[:, 0] - nodes.node_offset
-        by_row = np.argsort(place, kind="stable")
-        extra_start = np.searchsorted(place[by_row], np.arange(size + 1))
-        start, column = mesh.rows(0, owned, True, number, extra_start, received[by_row, 1])
-        self._start, self._column = start, column
-        self.num_blocks = len(column)
-        self._num_ghost_blocks = len(ghost_column)
+        places = received[:, 0] - nodes.node_offset, received[:, 1]
+        rows = rows + csr_array((np.ones(len(received), bool), places), rows.shape)
+        start, column = rows.indptr, rows.indices
+        self._start, self._column = start[: owned + 1], column
+        self.num_blocks, self._num_ghost_blocks = int(start[owned]), ghost.nnz
         self._halo = Halo(
             nodes.comm,
             self.num_blocks,
@@ -83,14 +78,8 @@ class BlockPattern:
             pairs,
             lambda pair: _find(pair[:, 0] - nodes.node_offset, pair[:, 1], start, column),
         )
-        every_start = np.concatenate([start, start[-1] + ghost_start[1:]])
-        every_column = np.concatenate([column, ghost_column])
-        self.slots = [
-            _slots(np.ascontiguousarray(part), number, every_start, every_column)
-            for part in connectivities
-        ]
+        self.slots = [_find(*_pairs(part, number), start, column) for part in connectivities]
         self.diagonal = _find(np.arange(owned), number[:owned], start, column)
-        self.comm = nodes.comm
 
     @cached_property
     def _whole(self) -> Layout:
@@ -135,119 +124,39 @@ class BlockPattern:
             return reuse
         local = self.block * self.nodes.num_nodes_owned
         values = gather(blocks.reshape(-1), layout.source, np.empty(len(layout.source)))
-        return aij(self.comm, (local, local), layout.rows, layout.columns, values, self.block)
+        return aij(self.nodes.comm, (local, local), layout.rows, layout.columns, values, self.block)
 
 
-class _Mesh:
-    """Elements of several kinds, and which of them each local node belongs to."""
-
-    def __init__(self, connectivities: Sequence[np.ndarray], size: int):
-        lengths = [np.full(len(part), part.shape[1], np.int64) for part in connectivities]
-        self._begin = np.concatenate([[0], np.cumsum(np.concatenate(lengths))])
-        self._nodes = np.concatenate([part.ravel() for part in connectivities]).astype(np.int32)
-        self._start, self._element = _incidence(self._begin, self._nodes, size)
-
-    def rows(
-        self, first, stop, diagonal, number, extra_start, extra
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Block rows of nodes first to stop: pointer and columns (global numbers, ascending)."""
-        # As long as they could be; pages that are not written to take no memory.
-        here = self._element[self._start[first] : self._start[stop]]
-        longest = len(extra) + stop - first + np.diff(self._begin)[here].sum()
-        start, column = np.zeros(stop - first + 1, np.int64), np.empty(longest, np.int64)
-        size = _block_rows(
-            first, stop, diagonal, number, self._begin, self._nodes, self._start, self._element,
-            extra_start, extra, start, column,
-        )  # fmt: skip
-        return start, column[:size]
+def _neighbours(connectivities: Sequence[np.ndarray], size: int) -> csr_array:
+    """Which of ``size`` nodes share an element with which, bool (size, size)."""
+    lengths = np.concatenate([np.full(len(part), part.shape[1]) for part in connectivities])
+    nodes = np.concatenate([part.ravel() for part in connectivities])
+    pointer = np.concatenate([[0], np.cumsum(lengths)])
+    elements = csr_array((np.ones(len(nodes), bool), nodes, pointer), (len(lengths), size))
+    return elements.T.tocsr() @ elements
 
 
-@numba.njit(cache=True)
-def _incidence(begin, nodes, size):
-    """Elements of each node, in compressed rows."""
-    start = np.zeros(size + 1, np.int64)
-    for node in nodes:
-        start[node + 1] += 1
-    start = np.cumsum(start)
-    at, element = start[:-1].copy(), np.empty(len(nodes), np.int32)
-    for e in range(len(begin) - 1):
-        for k in range(begin[e], begin[e + 1]):
-            element[at[nodes[k]]] = e
-            at[nodes[k]] += 1
-    return start, element
-
-
-@numba.njit(cache=True)
-def _block_rows(first, stop, diagonal, number, begin, nodes, start, element, extra_start, extra,
-                pointer, column):  # fmt: skip
-    """Columns of each row: every node it shares an element with, itself, and extra ones.
-
-    Returns how many there are.
-    """
-    size = 0
-    for r in range(first, stop):
-        found, count = column[size:], 0
-        if diagonal:  # every owned node has its own block, also if no element uses it
-            found[0], count = number[r], 1
-        for k in range(extra_start[r], extra_start[r + 1]):
-            count = _insert(found, count, extra[k])
-        for k in range(start[r], start[r + 1]):
-            e = element[k]
-            for q in range(begin[e], begin[e + 1]):
-                count = _insert(found, count, number[nodes[q]])
-        size += count
-        pointer[r - first + 1] = size
-    return size
-
-
-@numba.njit(cache=True)
-def _insert(found, count, value):
-    """Put a value into ascending ones unless it is there; returns how many there are then."""
-    at = count
-    while at > 0 and found[at - 1] >= value:
-        at -= 1
-    if at < count and found[at] == value:
-        return count
-    for k in range(count, at, -1):
-        found[k] = found[k - 1]
-    found[at] = value
-    return count + 1
-
-
-@numba.njit(cache=True)
-def _place(row, value, start, column):
-    """Where an ascending row has a column."""
-    low, high = start[row], start[row + 1]
-    while high - low > 1:
-        middle = (low + high) // 2
-        if column[middle] <= value:
-            low = middle
-        else:
-            high = middle
-    return low
+def _pairs(nodes: np.ndarray, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (m, k, k) of each element's pairs of nodes."""
+    shape = (*nodes.shape, nodes.shape[1])
+    columns = number[nodes][:, None, :]
+    return np.broadcast_to(nodes[:, :, None], shape), np.broadcast_to(columns, shape)
 
 
 @numba.njit(cache=True)
 def _find(rows, columns, start, column):
-    """Places of (row, column) pairs."""
-    places = np.empty(len(rows), np.int64)
-    for k in range(len(rows)):
-        places[k] = _place(rows[k], columns[k], start, column)
+    """Places of (row, column) pairs, arrays of one shape, in rows with ascending columns."""
+    places = np.empty(rows.shape, np.int32)
+    for k in np.ndindex(rows.shape):
+        low, high = start[rows[k]], start[rows[k] + 1]
+        while high - low > 1:
+            middle = (low + high) // 2
+            if column[middle] <= columns[k]:
+                low = middle
+            else:
+                high = middle
+        places[k] = low
     return places
-
-
-@numba.njit(cache=True)
-def _slots(connectivity, number, start, column):
-    """Places of all pairs of nodes of each element, int32 (m, k, k)."""
-    m, k = connectivity.shape
-    slots = np.empty((m, k, k), np.int32)
-    for e in range(m):
-        for p in range(k):
-            for q in range(k):
-                slots[e, p, q] = _place(
-                    connectivity[e, p], number[connectivity[e, q]], start, column
-                )
-    return slots
 
 
 @numba.njit(cache=True)
@@ -255,7 +164,7 @@ def _layout(start, column, keep, like):
     """Scalar compressed rows of block rows, and the place of each entry among the blocks."""
     n, d = len(start) - 1, keep.shape[1]
     rows = np.zeros(n * d + 1, _INT)
-    longest = len(column) * d * d
+    longest = start[-1] * d * d
     columns, source = np.empty(longest, _INT), np.empty(longest, like.dtype)
     e = 0
     for r in range(n):

@@ -47,22 +47,14 @@ _OTHER, _BEYOND = -1, -2  # see _split
 
 @dataclass
 class OnYarns:
-    """On which yarns the unknowns of a rank lie.
+    """On which yarns the unknowns of a rank lie."""
 
-    Attributes
-    ----------
-    line : int32 (n, 2)
-        Number of the warp yarn and of the weft yarn that an unknown belongs to, -1 for none. All
-        belong to one, those of ends on the outline to two.
-    place : float (n, 2)
-        Where on these yarns; ascending along them.
-    joint : bool (n,), optional
-        Where yarns are cut between ranks: arm ends. By default everywhere. Couplings across a cut
-        that pass a joint by are left out, as those between yarns are.
-    """
-
+    # int32 (n, 2), number of the warp and of the weft yarn that each belongs to, -1 for none. All
+    # belong to one, those of ends on the outline to two.
     line: np.ndarray
-    place: np.ndarray
+    place: np.ndarray  # float (n, 2), where on these yarns; ascending along them
+    # bool (n,), where yarns are cut between ranks: arm ends. By default everywhere. Couplings
+    # across a cut that pass a joint by are left out, as those between yarns are.
     joint: np.ndarray | None = None
 
 
@@ -77,10 +69,8 @@ def _split(rows, num_inner, num_with_outer, position, line, pointer, column, val
     position (n_local,): place in the order of elimination; _OTHER in the other family, _BEYOND for
     what no one here knows. Rows from ``num_inner`` on are joints, those from ``num_with_outer`` on
     have no couplings to the other family. What couplings to other yarns of the family have been
-    adds to the diagonal.
-
-    Returns pointers of the two (rows + 1,), columns and values of the first; those of the second
-    are written to what is given.
+    adds to the diagonal. Returns pointers of the two (rows + 1,), columns and values of the first;
+    those of the second are written to ``outer_column``, ``outer_value``.
     """
     n = len(rows)
     inner, outer = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
@@ -153,15 +143,12 @@ def _reach(k, pointer, column, n, parent, mark, found):
             found[count] = i
             count += 1
             i = parent[i]
-    if count > 32:
-        found[:count].sort()
-    else:
-        for a in range(1, count):
-            value, b = found[a], a
-            while b > 0 and found[b - 1] > value:
-                found[b] = found[b - 1]
-                b -= 1
-            found[b] = value
+    for a in range(1, count):  # they come nearly in order
+        value, b = found[a], a
+        while b > 0 and found[b - 1] > value:
+            found[b] = found[b - 1]
+            b -= 1
+        found[b] = value
     return count
 
 
@@ -232,32 +219,6 @@ def _forward(rows, outer, outer_column, outer_value, start, factor_column, facto
         y[k] = total * inverse[k]
 
 
-@numba.njit(cache=True)
-def _joints_forward(n, rows, own, outer, outer_column, outer_value, start, factor_column, factor,
-                    b, x, y, t):  # fmt: skip
-    """Give t, right side of the joints' Schur complement: this rank's part."""
-    for s in range(len(rows)):
-        total = 0.0
-        if own[s]:
-            total = b[rows[s]]
-            for e in range(outer[n + s], outer[n + s + 1]):
-                total -= outer_value[e] * x[outer_column[e]]
-        k = n + s
-        for e in range(start[k], start[k + 1]):
-            total -= factor[e] * y[factor_column[e]]
-        t[rows[s]] = total
-
-
-@numba.njit(cache=True)
-def _joints_backward(n, rows, start, factor_column, factor, x, y):
-    """Take known joints off the right side: y -= L21^T x."""
-    for s in range(len(rows)):
-        value = x[rows[s]]
-        k = n + s
-        for e in range(start[k], start[k + 1]):
-            y[factor_column[e]] -= factor[e] * value
-
-
 @numba.njit(cache=True, fastmath={"contract"})
 def _backward(rows, start, factor_column, factor, inverse, x, y):
     """Give x = L^-T y; y is used up."""
@@ -301,35 +262,22 @@ def _merge(pointer, column, value, ghost_pointer, ghost_column, ghost_value, num
 class _Local:
     """A rank's part of the matrix: own rows, and of the ghosts' rows the columns of its own.
 
-    pointer, column, value: compressed rows over own unknowns, then ghosts. owner (n_ghost,),
-    joint (n_local,).
+    pointer, column, value: compressed rows over own unknowns, then ghosts; joint (n_local,).
     """
 
     pointer: np.ndarray
     column: np.ndarray
     value: np.ndarray
-    num_owned: int
-    owner: np.ndarray
-    rank: int
-    halo: Halo | None
+    halo: Halo
     block: int
     joint: np.ndarray
-
-    @property
-    def size(self) -> int:
-        """Own unknowns and ghosts."""
-        return self.num_owned + len(self.owner)
 
 
 class _Family:
     """One family's yarns: their factors, and their couplings to the other family.
 
-    If a joint's block is singular on this rank, ``schur`` is not finite.
-
-    Parameters
-    ----------
-    line : int (n_local,), the yarn of each unknown, -1 for none
-    place : float (n_local,)
+    line int32 (n_local,), the yarn of each unknown, -1 for none; place float (n_local,). If a
+    joint's block is singular on this rank, ``schur`` is not finite.
     """
 
     def __init__(self, local: _Local, line: np.ndarray, place: np.ndarray):
@@ -337,62 +285,56 @@ class _Family:
         d = local.block
         own, lower = _joints(local, line)
         # Nodes stay whole. Eliminate towards the joint that a yarn ends at: then nothing fills in.
-        inner = line[: local.num_owned : d] >= 0
+        inner = line[: local.halo.num_owned : d] >= 0
         inner[own[::d] // d] = False
         nodes = np.flatnonzero(inner)
         at, along = line[nodes * d], place[nodes * d]
         descend = np.isin(at, line[lower]) & ~np.isin(at, line[own])
         along = np.where(descend, -along, along)
         nodes = nodes[np.lexsort((at, along, at // _GROUP))]
-        self.rows = (nodes[:, None] * d + np.arange(d)).ravel()
-        n, joints = len(self.rows), np.concatenate([own, lower])
-        rows = np.concatenate([self.rows, joints])
+        inner_rows = _unknowns(nodes, d)
+        self.joints = joints = np.concatenate([own, lower])
+        rows, n = np.concatenate([inner_rows, joints]), len(inner_rows)
         position = np.where(line >= 0, _BEYOND, _OTHER).astype(np.int32)
         position[rows] = np.arange(len(rows))
-        given = local.pointer, local.column, local.value
-        line = line.astype(np.int32)
         # As large as they could be; pages that are not written to take no memory.
-        outer_column = np.empty(len(local.column), np.int32)
-        outer_value = np.empty(len(local.column), _REAL)
-        inside, self.outer, column, value = _split(
-            rows, n, n + len(own), position, line, *given, outer_column, outer_value
-        )
-        self.outer_column = outer_column[: self.outer[-1]]
-        self.outer_value = outer_value[: self.outer[-1]]
+        outer_column: np.ndarray = np.empty(len(local.column), np.int32)
+        outer_value: np.ndarray = np.empty(len(local.column), _REAL)
+        inside, outer, column, value = _split(
+            rows, n, n + len(own), position, line, local.pointer, local.column, local.value,
+            outer_column, outer_value,
+        )  # fmt: skip
+        outer_column, outer_value = outer_column[: outer[-1]], outer_value[: outer[-1]]
         parent = _elimination_tree(n, inside, column)
-        self.start = _factor_pattern(n, inside, column, parent)
-        self.column, factor = np.empty(self.start[-1], np.int32), np.empty(self.start[-1])
+        start = _factor_pattern(n, inside, column, parent)
+        factor_column, factor = np.empty(start[-1], np.int32), np.empty(start[-1])
         inverse = np.empty(n)
         # Pivots that are not positive are replaced: the smoother of an indefinite tangent.
-        _factor(n, inside, column, value, parent, self.start, self.column, factor, inverse)
-        self.inverse, self.factor = inverse.astype(_REAL), factor.astype(_REAL)
-        for name in ("rows", "outer", "outer_column", "start", "column"):
-            setattr(self, name, getattr(self, name).astype(_INDEX))
+        _factor(n, inside, column, value, parent, start, factor_column, factor, inverse)
+        self.rows = inner_rows.astype(_INDEX)
+        self.outer = outer.astype(_INDEX), outer_column.astype(_INDEX), outer_value
+        self.factor = (
+            start.astype(_INDEX), factor_column.astype(_INDEX), factor.astype(_REAL),
+            inverse.astype(_REAL),
+        )  # fmt: skip
         self.y = np.empty(n)
-        if local.halo is None:
-            return
-        # Joints: their Schur complement, summed up by the owner.
-        self.joints, self.is_own = joints, joints < local.num_owned
-        node, index = np.unique(joints // d, return_inverse=True)
-        rows = slice(n, None)
-        lower = csr_array((value, column, inside), (n + len(joints),) * 2)[rows, rows]
-        eliminated = csr_array((factor, self.column, self.start), (n + len(joints), n))[rows]
-        schur = (lower + tril(lower, -1).T - eliminated @ eliminated.T).tocoo()
-        same = index[schur.row] == index[schur.col]  # of couplings between joints none is kept
-        row, col = schur.row[same], schur.col[same]
-        blocks = np.zeros((len(node), d, d))
-        blocks[index[row], joints[row] % d, joints[col] % d] = schur.data[same]
-        every = np.zeros((local.size, d, d))  # the halo knows unknowns, not nodes
-        every[node * d] = blocks
-        local.halo.reverse(every)
-        mine = np.unique(own // d)
-        schur = every[mine * d]
+        # Joints: what they hang on, and their Schur complement, summed up by the owner.
+        self.joints_outer = _rows_from(n, outer, outer_column, outer_value, len(line))
+        self.eliminated = _rows_from(n, start, factor_column, factor, n)
+        lower = _rows_from(n, inside, column, value, len(rows))[:, n:]
+        schur = (lower + tril(lower, -1).T - self.eliminated @ self.eliminated.T).tocoo()
+        node = joints // d
+        same = node[schur.row] == node[schur.col]  # of couplings between joints none is kept
+        row, col = joints[schur.row[same]], joints[schur.col[same]]
+        halo = local.halo  # of unknowns, not nodes; on one rank there are no joints
+        blocks = np.zeros((len(line) if halo.comm.size > 1 else 0, d))
+        blocks[row, col % d] = schur.data[same]
+        halo.reverse(blocks)
+        self.own, schur = own, blocks[own].reshape(-1, d, d)
         try:
             self.schur = np.linalg.inv(0.5 * (schur + np.swapaxes(schur, 1, 2)))
         except np.linalg.LinAlgError:  # on this rank: YarnSmoother tells the others
             self.schur = np.full_like(schur, np.nan)
-        self.mine = (mine[:, None] * d + np.arange(d)).ravel()
-        self.t = np.zeros(local.size)
 
     def solve(self, b: np.ndarray, x: np.ndarray, first: bool) -> None:
         """Put the family's unknowns into equilibrium with the others'. Collective.
@@ -400,95 +342,81 @@ class _Family:
         b (n_owned,) is the load; x (n_local,) the displacement, all zero if ``first``.
         """
         halo = self.local.halo
-        factors = self.start, self.column, self.factor
-        outer = self.outer, self.outer_column, self.outer_value
-        _forward(self.rows, *outer, *factors, self.inverse, b, x, self.y, first)
-        if halo is not None:
-            n, d = len(self.rows), self.local.block
-            self.t[:] = 0.0
-            _joints_forward(n, self.joints, self.is_own, *outer, *factors, b, x, self.y, self.t)
-            halo.reverse(self.t)
-            right = self.t[self.mine].reshape(-1, d)
-            x[self.mine] = np.einsum("nij,nj->ni", self.schur, right).ravel()
+        _forward(self.rows, *self.outer, *self.factor, b, x, self.y, first)
+        if halo.comm.size > 1:
+            right = np.zeros(len(x))
+            right[self.own] = b[self.own]
+            right[self.joints] -= self.joints_outer @ x + self.eliminated @ self.y
+            halo.reverse(right)
+            known = right[self.own].reshape(-1, self.local.block)
+            x[self.own] = np.einsum("nij,nj->ni", self.schur, known).ravel()
             halo.forward(x)
-            _joints_backward(n, self.joints, *factors, x, self.y)
-        _backward(self.rows, *factors, self.inverse, x, self.y)
-        if halo is not None:
-            halo.forward(x)
+            self.y -= self.eliminated.T @ x[self.joints]
+        _backward(self.rows, *self.factor, x, self.y)
+        halo.forward(x)
 
 
 def _joints(local: _Local, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unknowns at which yarns are cut between ranks: own ones, and ghosts of lower ranks."""
-    n, d = local.num_owned, local.block
-    begin, end = local.pointer[n], local.pointer[-1]
-    ghost = np.repeat(np.arange(n, local.size), np.diff(local.pointer[n:]))
-    own = local.column[begin:end]
-    along = (line[ghost] >= 0) & (line[ghost] == line[own]) & (local.value[begin:end] != 0)
+    halo, d = local.halo, local.block
+    n, begin = halo.num_owned, local.pointer[halo.num_owned]
+    ghost = np.repeat(np.arange(n, len(line)), np.diff(local.pointer[n:]))
+    own = local.column[begin:]
+    along = (line[ghost] >= 0) & (line[ghost] == line[own]) & (local.value[begin:] != 0)
     ghost, own = ghost[along], own[along]
-    higher = local.owner[ghost - n] > local.rank
+    higher = halo.ghost_owner[ghost - n] > halo.comm.rank
+    cut = own[higher & local.joint[own]], ghost[~higher & local.joint[ghost]]
+    return _unknowns(np.unique(cut[0] // d), d), _unknowns(np.unique(cut[1] // d), d)
 
-    def whole(unknowns: np.ndarray) -> np.ndarray:
-        return (np.unique(unknowns // d)[:, None] * d + np.arange(d)).ravel()
 
-    mine, theirs = local.joint[own], local.joint[ghost]
-    return whole(own[higher & mine]), whole(ghost[~higher & theirs])
+def _rows_from(n: int, pointer, column, value, width: int) -> csr_array:
+    """Rows from the n-th on of some compressed ones."""
+    part = slice(pointer[n], pointer[-1])
+    return csr_array(
+        (value[part], column[part], pointer[n:] - pointer[n]), (len(pointer) - n - 1, width)
+    )
+
+
+def _unknowns(nodes: np.ndarray, block: int) -> np.ndarray:
+    """All unknowns of some nodes."""
+    return (nodes[:, None] * block + np.arange(block)).ravel()
 
 
 class YarnSmoother:
     """Gauss-Seidel between the two families of yarns, as a PETSc preconditioner. Collective.
 
-    Parameters
-    ----------
-    matrix : PETSc.Mat (AIJ)
-        Symmetric, positive definite. Its block size is the number of unknowns per node; nodes are
-        not split between yarns.
-    lines : OnYarns
-        Of the unknowns that this rank owns.
-
+    The matrix (AIJ) is symmetric, positive definite; its block size is the number of unknowns per
+    node, and nodes are not split between yarns. ``lines`` are of the unknowns that this rank owns.
     Raises SolverError on every rank if yarns cannot be joined where ranks meet.
     """
 
     def __init__(self, matrix: PETSc.Mat, lines: OnYarns):
         comm = matrix.comm.tompi4py()
-        with local_rows(matrix) as part:
+        with local_rows(matrix) as rows:
             block = max(matrix.getBlockSize(), 1)
             # Whole nodes: of some of a node's unknowns this rank's rows may hold no entry.
-            node = np.unique(part.ghost // block)
-            ghost = (node[:, None] * block + np.arange(block)).ravel()
-            n, num_ghost = len(part.pointer) - 1, len(ghost)
-            halo = Halo.of_numbers(comm, n, ghost) if comm.size > 1 else None
-            line = np.full((n + num_ghost, 2), -1, np.int32)
-            joint = np.ones((n + num_ghost, 1), np.int32)
-            if lines.joint is not None:
-                joint[:n, 0] = lines.joint
-            place = np.zeros((n + num_ghost, 2))
+            ghost = _unknowns(np.unique(rows.ghost // block), block)
+            n = len(rows.pointer) - 1
+            halo = Halo.of_numbers(comm, n, ghost)
+            size = n + len(ghost)
+            line, place = np.full((size, 2), -1, np.int32), np.zeros((size, 2))
+            joint = np.ones(size, bool)
             line[:n], place[:n] = lines.line, lines.place
-            pointer: np.ndarray = part.pointer
-            column: np.ndarray = part.column
-            value: np.ndarray = part.value
-            owner: np.ndarray = np.zeros(0, np.int64)
-            if halo is not None:
-                halo.forward(line)
-                halo.forward(joint)
-                halo.forward(place)
-                merged: tuple[np.ndarray, ...] = _merge(
-                    pointer, column, value, part.ghost_pointer,
-                    np.searchsorted(ghost, part.ghost)[part.ghost_column], part.ghost_value,
-                    num_ghost,
-                )  # fmt: skip
-                pointer, column, value = merged
-                owner = halo.ghost_owner
-            local = _Local(
-                pointer, column, value, n, owner, comm.rank, halo, block, joint[:, 0] > 0
-            )
+            if lines.joint is not None:
+                joint[:n] = lines.joint
+            for values in (line, place, joint):
+                halo.forward(values)
+            arrays = rows.pointer, rows.column, rows.value
+            if len(ghost):
+                column = np.searchsorted(ghost, rows.ghost)[rows.ghost_column]
+                arrays = _merge(*arrays, rows.ghost_pointer, column, rows.ghost_value, len(ghost))
+            local = _Local(*arrays, halo, block, joint)
             self.families = [
                 _Family(local, np.ascontiguousarray(line[:, f]), np.ascontiguousarray(place[:, f]))
                 for f in (0, 1)
             ]
             local.pointer = local.column = local.value = np.zeros(0)  # borrowed: forget them
-        self._x = np.zeros(local.size)
-        if halo is None:
-            return
+        self._x = np.zeros(size)
         if not comm.allreduce(all(np.isfinite(f.schur).all() for f in self.families), MPI.LAND):
             raise SolverError(
                 "the yarn multigrid finds yarns without stiffness where ranks meet: a part of the "
@@ -521,11 +449,12 @@ class YarnSmoother:
             inner.setPythonContext(_Sweep(self, families))
 
 
+@dataclass
 class _Sweep:
     """What PETSc calls."""
 
-    def __init__(self, smoother: YarnSmoother, order: tuple[int, ...]):
-        self.smoother, self.order = smoother, order
+    smoother: YarnSmoother
+    order: tuple[int, ...]
 
     @callback
     def apply(self, pc, b: PETSc.Vec, x: PETSc.Vec) -> None:

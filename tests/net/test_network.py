@@ -19,12 +19,12 @@ from support.helpers import (
 
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.net.keys import pack_key
 from cruciform_petsc.net.lattice import (
     ARM_STEP,
     OPPOSITE,
     SHORTEST_ARM,
     SNAP,
+    pack_key,
     quadrant_areas,
     snapped,
 )

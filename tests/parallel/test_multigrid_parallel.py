@@ -15,7 +15,6 @@ from cruciform_petsc import BiasExtension, Fabric, Network, Preform
 from cruciform_petsc.errors import SolverError
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.parallel import Halo
-from cruciform_petsc.small.multigrid import unknowns_of
 from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.csr import local_rows, write_values
 from cruciform_petsc.solvers.multigrid import contrast, hierarchy, interpolation
@@ -59,7 +58,7 @@ def test_interpolates_affine_motions(bending):
     constraints.clamp("lower")
     linear = LinearNetwork(constraints)
     owned = slice(0, network.num_nodes_owned)
-    levels, matrices = [unknowns_of(linear)], []
+    levels, matrices = [linear.unknowns()], []
     for step in (2, 4):
         matrix, coarse, _ = interpolation(COMM, levels[-1], step)
         assert coarse.point.shape == (matrix.getLocalSize()[1], 2)
@@ -160,7 +159,7 @@ def dot(a, b):
 def test_a_family_is_solved_whole(family, bending, fabric):
     """After its solve no force is left on the family's unknowns, on two ranks neither."""
     linear, matrix = clamped("hole", bending, fabric)
-    unknowns = unknowns_of(linear)
+    unknowns = linear.unknowns()
     smoother = YarnSmoother(matrix, unknowns.lines)
     force = random_vector(matrix, 1)
     x = smoother.apply(force, (family,)).copy()
@@ -234,7 +233,7 @@ def test_contrast_of_a_diagonal_with_zeros():
 def test_sweeps_up_are_the_transpose_of_sweeps_down(bending):
     """Else the preconditioner of CG would not be symmetric."""
     linear, matrix = clamped("l-shape", bending)
-    smoother = YarnSmoother(matrix, unknowns_of(linear).lines)
+    smoother = YarnSmoother(matrix, linear.unknowns().lines)
     a, b = random_vector(matrix, 2), random_vector(matrix, 3)
     down = dot(b, smoother.apply(a, (0, 1, 0, 1)))
     up = dot(a, smoother.apply(b, (1, 0, 1, 0)))
@@ -251,7 +250,7 @@ def test_sweeps_up_are_the_transpose_of_sweeps_down(bending):
 def test_galerkin_products_are_petscs(outline, bending):
     """All levels, against PETSc's triple product."""
     linear, matrix = clamped(outline, bending)
-    levels = hierarchy(matrix, unknowns_of(linear), coarsest=300)
+    levels = hierarchy(matrix, linear.unknowns(), coarsest=300)
     assert len(levels.matrices) >= 3
     fine = matrix
     for prolongation, product in zip(levels.interpolations, levels.matrices, strict=True):
@@ -270,7 +269,7 @@ def test_couplings_that_reach_too_far_are_left_to_petsc():
     linear, matrix = clamped("rectangle", True)
     square = matrix.matMult(matrix)
     square = square.matMult(matrix)
-    levels = hierarchy(square, unknowns_of(linear))
+    levels = hierarchy(square, linear.unknowns())
     expected = square.ptap(levels.interpolations[0])
     norm = expected.norm()
     expected.axpy(-1.0, levels.matrices[0])
