@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
 import io
 import logging
 import re
@@ -24,6 +23,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from . import __version__
 from .errors import CruciformError, InputError
 from .experiments.registry import KINDS
 
@@ -42,10 +42,7 @@ _WITH_VALUE = {
     "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
     "--also-data": ("FILE", "the measured curve of that specimen"),
     "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
-    "--hold-out": (
-        "CASE",
-        "a specimen of the same cloth, whose curve the law found shall predict",
-    ),
+    "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
 _REPEATED = ("--set", "--also", "--also-data")
@@ -60,15 +57,11 @@ _signals: list[int] = []
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code.
+    """Run the command line and return the exit code. Collective over COMM_WORLD.
 
-    Collective over COMM_WORLD. 0: done; 2: the user's doing, told in one sentence on stderr;
-    1: a fault of the program, told with a traceback; 130 or 143: interrupted or terminated.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; default: the process's.
+    0: done; 2: the user's doing, told in one sentence on stderr; 1: a fault of the program, told
+    with a traceback; 130 or 143: interrupted or terminated. ``argv`` is what stands behind the
+    program's name.
     """
     from mpi4py import MPI
 
@@ -120,18 +113,7 @@ def guarded(
     - An interrupt on any rank: a sentence, all aborted with 130 (143 for a SIGTERM).
     - Any other exception on any rank: traceback, all aborted with 1.
 
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    work : callable
-        Called without arguments on every rank.
-    hint : callable, optional
-        Tells how to go on after an interrupt; on one rank.
-
-    Returns
-    -------
-    int
-        Exit code, the same on every rank.
+    ``hint`` tells, on one rank, how to go on after an interrupt.
     """
     control = comm.Dup()  # agreement must not mix with messages of the work
     failure: CruciformError | None = None
@@ -168,25 +150,24 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
     import numpy as np
     from mpi4py import MPI
 
-    mine = np.array([control.size if failure is None else control.rank])
-    first = np.empty_like(mine)
-    request = control.Iallreduce(mine, first, MPI.MIN)
+    rank, size = control.rank, control.size
+    first = np.empty(1, int)
+    request = control.Iallreduce(np.array([size if failure is None else rank]), first, MPI.MIN)
     if failure is None:
         request.Wait()
     else:
         # Ranks wait a little longer each, so that one speaks and takes the others with it.
-        deadline = time.monotonic() + _PATIENCE + min(0.2 * control.rank, _PATIENCE)
+        deadline = time.monotonic() + _PATIENCE + min(0.2 * rank, _PATIENCE)
         while not request.Test():
             if time.monotonic() > deadline:
                 _say(failure)
                 return _abort(control, 2)
             time.sleep(0.01)
-    if failure is not None and first[0] == control.rank:
-        _say(failure)
-    failed = bool(first[0] < control.size)
+        if first[0] == rank:
+            _say(failure)
     control.Barrier()  # the sentence is out before any rank ends
     control.Free()
-    return 2 if failed else 0
+    return 2 if first[0] < size else 0
 
 
 def _say(failure: CruciformError | str) -> None:
@@ -206,9 +187,8 @@ def _abort(control: MPI.Intracomm, code: int) -> int:
 def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
     """Do what was typed; puts the folder of a run into ``running``, once there is one."""
     own, petsc_options = split_arguments(arguments)
-    hidden = io.StringIO()
     try:
-        with contextlib.redirect_stdout(hidden) if comm.rank else contextlib.nullcontext():
+        with contextlib.redirect_stdout(io.StringIO() if comm.rank else sys.stdout):
             args = _parser().parse_args(own)
     except SystemExit:  # --help and --version; wrong arguments are InputErrors
         return
@@ -262,9 +242,8 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     Example: cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv
     """
     if (args.hold_out is None) != (args.hold_out_data is None):
-        raise InputError(
-            "--hold-out CASE and --hold-out-data FILE belong together, give both or neither"
-        )
+        pair = "--hold-out CASE and --hold-out-data FILE"
+        raise InputError(f"{pair} belong together, give both or neither")
     if len(args.also) != len(args.also_data):
         raise InputError("each --also CASE needs an --also-data FILE, in the same order")
     more: dict[str, Any] = {}
@@ -274,7 +253,11 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         cases = [_load(comm, path) for path in args.also]
         more["also"] = list(zip(cases, args.also_data, strict=True))
     if args.weights is not None:
-        more["weights"] = _numbers(args.weights)
+        try:
+            more["weights"] = [float(weight) for weight in args.weights.split(",")]
+        except ValueError:
+            text = f'--weights must be numbers like 1,0.5, got "{args.weights}"'
+            raise InputError(text) from None
     case, directory = _case_and_folder(comm, args)
     from .calibrate import calibrate_case
     from .output.folder import OF_CALIBRATION, locked
@@ -293,9 +276,8 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     """
     from .compare import compare_command
 
-    compare_command(
-        comm, args.a, args.b, "comparison" if args.output is None else args.output, args.log
-    )
+    folder = "comparison" if args.output is None else args.output
+    compare_command(comm, args.a, args.b, folder, args.log)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -343,14 +325,6 @@ def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Cas
     return case, prepare_directory(comm, case.output.directory)
 
 
-def _numbers(text: str) -> list[float]:
-    """Read numbers with commas between them."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise InputError(f'--weights must be numbers like 1,0.5, got "{text}"') from None
-
-
 def _start_petsc(options: list[str]) -> None:
     """Start PETSc with options from the command line."""
     started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
@@ -364,26 +338,14 @@ def _start_petsc(options: list[str]) -> None:
 
 
 def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Part our own arguments from PETSc's, which begin with one dash and follow CASE.
+    """Part arguments as typed into our own and PETSc's, which have one dash and follow CASE.
 
-    Parameters
-    ----------
-    arguments : sequence of str
-        As typed: ``run case.toml --set preform.refine=4 -ksp_type cg``.
-
-    Returns
-    -------
-    own, petsc : list of str
-
-    Raises
-    ------
-    InputError
-        An option of neither, with the closest of ours; a PETSc option out of place.
+    Raises InputError for an option of neither, with the closest of ours, and for a PETSc option
+    out of place.
     """
     own: list[str] = []
     petsc: list[str] = []
-    words = 0  # command and CASE
-    rest = list(arguments)
+    words, rest = 0, list(arguments)  # words: command and CASE
     while rest:
         argument = rest.pop(0)
         name = argument.partition("=")[0]
@@ -416,10 +378,8 @@ def _check_petsc_option(argument: str, name: str) -> None:
     if close and name not in _PETSC_TOO:
         raise InputError(f'there is no option "{name}", did you mean "{close[0]}"?')
     if name.startswith("--"):
-        raise InputError(
-            f'there is no option "{name}" (known: {", ".join(_OPTIONS[:-1])}; '
-            "PETSc options begin with one dash)"
-        )
+        known = f"known: {', '.join(_OPTIONS[:-1])}; PETSc options begin with one dash"
+        raise InputError(f'there is no option "{name}" ({known})')
     if "=" in argument:
         raise InputError(f'the PETSc option "{argument}" must be written with a space for "="')
 
@@ -432,13 +392,12 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> _Parser:
-    version = getattr(importlib.import_module("cruciform_petsc"), "__version__", "unknown")
     parser = _Parser(
         prog=PROGRAM,
         description="Parallel mechanics of woven fabrics as nets of cruciform elements.",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {version}")
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(
@@ -446,16 +405,14 @@ def _parser() -> _Parser:
         *arguments: tuple[str, str],
         options: Sequence[str] = (),
     ) -> None:
-        """Add a command by its function, whose docstring ends with an example.
+        """Add a command by its function, whose docstring ends with an example; arguments likewise.
 
-        Of each argument and option: what it is called, and what it does.
+        Of each argument: what it is called, and what it does.
         """
         description, _, example = cleandoc(work.__doc__ or "").rpartition("\n\n")
         if "--set" in options:
-            example += (
-                "\nOptions with one dash after CASE go to PETSc: -cruciform_ksp_monitor, "
-                "-log_view ..."
-            )
+            example += "\nOptions with one dash after CASE go to PETSc: "
+            example += "-cruciform_ksp_monitor, -log_view ..."
         what = description.partition("\n")[0].rstrip(".")
         sub = commands.add_parser(
             work.__name__.strip("_"),
@@ -486,21 +443,15 @@ def _parser() -> _Parser:
 
     case = ("CASE", "the case file (TOML)")
     folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
+    a = ("A", "a folder of results, or a measured curve (CSV)")
+    b = ("B", "another; differences are relative to this one")
+    kind = ("KIND", f"the kind of test: {', '.join(KINDS)}")
     command(_run, case, options=("--set", "--output"))
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=tuple(_WITH_VALUE))
     command(_resume, folder, options=("--set", "--output"))
-    command(
-        _compare,
-        ("A", "a folder of results, or a measured curve (CSV)"),
-        ("B", "another; differences are relative to this one"),
-        options=("--output",),
-    )
-    command(
-        _new,
-        ("KIND", f"the kind of test: {', '.join(KINDS)}"),
-        ("[FILE]", "must not be there yet"),
-    )
+    command(_compare, a, b, options=("--output",))
+    command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser
 
@@ -510,13 +461,10 @@ def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
+    log.addHandler(logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout))
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
-    if comm.rank == 0:
-        log.addHandler(logging.StreamHandler(sys.stdout))
-        log.setLevel(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
-    else:
-        log.addHandler(logging.NullHandler())
-        log.setLevel(logging.CRITICAL + 1)
+    level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
+    log.setLevel(logging.CRITICAL + 1 if comm.rank else level)
     return log
 
 
@@ -525,8 +473,7 @@ def fabric_table() -> str:
     from .cloth.fabric import Fabric, fabric_names
     from .units import format_si
 
-    head = ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]
-    rows = [head]
+    rows = [["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]]
     for name in fabric_names():
         fabric = Fabric.from_library(name)
         columns = [
@@ -543,8 +490,6 @@ def fabric_table() -> str:
         if fabric.shear.name != "linear":
             shear += f" at rest, {fabric.shear.name}"
         rows.append([name, *both, shear, fabric.source])
-    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(map(str.ljust, row, widths)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)

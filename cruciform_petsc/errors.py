@@ -15,15 +15,7 @@ class InputError(CruciformError):
 
 
 class SolverError(CruciformError):
-    """An equation system could not be solved.
-
-    Attributes
-    ----------
-    reason : str
-        PETSc's name of the reason.
-    history : list of float
-        Residual norms, one per iteration.
-    """
+    """An equation system could not be solved: PETSc's `reason`, residual norms by iteration."""
 
     def __init__(self, message: str, reason: str = "", history: list[float] | None = None):
         super().__init__(message)
@@ -34,12 +26,8 @@ class SolverError(CruciformError):
 class EquilibriumError(SolverError):
     """No equilibrium was found.
 
-    Attributes
-    ----------
-    place : float (dim,) or None
-        Where the forces are farthest from balance, at rest, m.
-    result : TestResult or None
-        What an experiment had reached.
+    ``place``, float (dim,) or None: where the forces are farthest from balance, at rest, m;
+    ``result``, a TestResult or None: what an experiment had reached.
     """
 
     def __init__(self, message, reason, history, place=None):

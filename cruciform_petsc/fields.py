@@ -31,61 +31,41 @@ class _Read:
 
 @dataclass(frozen=True)
 class Of(_Read):
-    """Annotates quantities: kept as they are written, with their value beside it.
-
-    Attributes
-    ----------
-    unit : str
-        SI, as for `units.parse`.
-    column : bool
-        The unit by itself, as it stands over a column of numbers.
-    many : bool
-        One quantity or a list of them.
-    good : callable, optional
-        Whether a value may be; ``wanted`` tells which may.
-    wanted : str
-    example : str
-        For the page of keys; by default the usual one of the unit.
-    """
+    """Annotates quantities: kept as they are written, with their value beside it."""
 
     unit: str
+    """SI, as for `units.parse`."""
     column: bool = False
+    """The unit by itself, as it stands over a column of numbers."""
     many: bool = False
+    """One quantity or a list of them."""
     good: Callable[[float], bool] | None = None
+    """Whether a value may be; ``wanted`` tells which may."""
     wanted: str = ""
     example: str = ""
+    """For the page of keys; by default the usual one of the unit."""
 
     def read(self, value: Any, info: Any) -> Any:
         """Check one quantity, or a list of them if there may be `many`."""
-        bare = bool(info.context)
         if not (self.many and isinstance(value, list)):
-            return self._one(value, bare)
+            return self._one(value, info)
         if not value:
             raise ValueError("is an empty list, give at least one value")
-        quantities = []
-        for i, item in enumerate(value):
-            try:
-                quantities.append(self._one(item, bare))
-            except ValueError as error:
-                raise ValueError(f"(value {i + 1}) {error}") from None
-        return quantities
+        return [self._one(item, info, f"(value {i + 1}) ") for i, item in enumerate(value)]
 
-    def _one(self, value: Any, bare: bool) -> Quantity:
-        quantity = Quantity.read(value, self.unit, column=self.column, bare=bare)
+    def _one(self, value: Any, info: Any, which: str = "") -> Quantity:
+        try:
+            quantity = Quantity.read(value, self.unit, column=self.column, bare=bool(info.context))
+        except ValueError as error:
+            raise ValueError(f"{which}{error}") from None
         if self.good is not None and not self.good(quantity.si):
-            raise ValueError(f'must be {self.wanted}, got "{cut(quantity)}"')
+            raise ValueError(f'{which}must be {self.wanted}, got "{cut(quantity)}"')
         return quantity
 
 
 @dataclass(frozen=True)
 class OneOf(_Read):
-    """Annotates a table that is one of several, which one its contents tell.
-
-    Attributes
-    ----------
-    pick : callable
-        The type of table for some contents, or a ValueError.
-    """
+    """Annotates a table that is one of several: `pick` tells the type, or raises a ValueError."""
 
     pick: Callable[[Any], type[Table]]
 
@@ -94,11 +74,6 @@ class OneOf(_Read):
         if isinstance(value, Table):
             return value
         return self.pick(value).model_validate(value, context=info.context)
-
-
-def positive(value: float) -> bool:
-    """Whether a value is above zero."""
-    return value > 0.0
 
 
 def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
@@ -110,7 +85,7 @@ def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
 
 Quantities = Quantity | list[Quantity]
 Length = Annotated[Quantity, Of("m")]
-Size = Annotated[Quantity, Of("m", good=positive, wanted="positive")]
+Size = Annotated[Quantity, Of("m", good=lambda size: size > 0.0, wanted="positive")]
 Sides = Annotated[list[Size], Field(min_length=2, max_length=2)]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
 Ring = Annotated[list[Point], Field(min_length=3), AfterValidator(_three_corners)]
@@ -149,28 +124,17 @@ class Table(BaseModel):
 
     @classmethod
     def from_data(cls, data: Any, key: str = "", *, bare: bool = False) -> Self:
-        """Check plain data as they stand in a case file.
+        """Check plain data as they stand in a case file, at `key` of it.
 
-        Parameters
-        ----------
-        data : mapping
-        key : str
-            Where the table stands, for messages.
-        bare : bool
-            Take numbers without unit as SI already (scripts may, case files may not).
-
-        Raises
-        ------
-        InputError
-            One sentence of up to three problems.
+        ``bare``: numbers without unit are in SI already (scripts may give them, case files not).
+        Raises InputError, one sentence of up to three problems.
         """
         data = _plain(data)
         try:
             return cls.model_validate(data, context=bare)
         except ValidationError as error:
-            problems = list(
-                dict.fromkeys(_sentence(cls, data, key, dict(e)) for e in error.errors())
-            )
+            sentences = (_sentence(cls, data, key, dict(e)) for e in error.errors())
+            problems = list(dict.fromkeys(sentences))
         more = len(problems) - _MOST_PROBLEMS
         tail = f"; and {more} more" if more > 0 else ""
         raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 from mpi4py import MPI
@@ -19,25 +20,21 @@ _CGROUPS = Path("/sys/fs/cgroup")
 
 def machine_memory() -> int | None:
     """Memory of this machine, or of the container it is lent to us in [bytes]; None: not known."""
-    limits = []
+    total = re.findall(r"^MemTotal:\s*(\d+) kB", _text(_MEMINFO), re.MULTILINE)
+    return min([*(1024 * int(kilobytes) for kilobytes in total), *_cgroup_limits()], default=None)
+
+
+def _text(path: Path) -> str:
+    """What stands in a file of the system; nothing if it is not there."""
     try:
-        match = re.search(r"^MemTotal:\s*(\d+) kB", _MEMINFO.read_text(), re.MULTILINE)
+        return path.read_text()
     except OSError:
-        match = None
-    if match is not None:
-        limits.append(1024 * int(match[1]))
-    limits += _cgroup_limits()
-    return min(limits, default=None)
+        return ""
 
 
-def _cgroup_limits() -> list[int]:
+def _cgroup_limits() -> Iterator[int]:
     """Limits of our control group and of those around it, of either version."""
-    found = []
-    try:
-        lines = _CGROUP.read_text().splitlines()
-    except OSError:
-        return []
-    for line in lines:
+    for line in _text(_CGROUP).splitlines():
         _, controllers, path = [*line.split(":", 2), "", ""][:3]
         if controllers == "":
             top, name = _CGROUPS, "memory.max"
@@ -48,29 +45,18 @@ def _cgroup_limits() -> list[int]:
         folder = top / path.strip("/")
         # Inside a container the path may be that of the host, of which only the top is seen.
         for place in (folder, *folder.parents):
-            try:
-                limit = (place / name).read_text().strip()
-            except OSError:
-                limit = "max"
+            limit = _text(place / name).strip()
             if limit.isdigit():  # else "max"; the old version writes a huge number
-                found.append(int(limit))
+                yield int(limit)
             if place == top:
                 break
-    return found
 
 
 def check_memory(comm: MPI.Intracomm, needed: float, what: str, cure: str) -> None:
     """Raise InputError if ``needed`` bytes, dealt out over the ranks, exceed a machine's memory.
 
-    Collective.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    needed : float
-        Bytes on all ranks together; may be infinite.
-    what, cure : str
-        What would need them, and what to do instead, for the sentence.
+    Collective. The bytes may be infinite; the sentence tells `what` would need them, and the
+    `cure`.
     """
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     share = node.size / comm.size  # of what is needed; the ranks of one machine
@@ -84,7 +70,7 @@ def check_memory(comm: MPI.Intracomm, needed: float, what: str, cure: str) -> No
 
 
 def _size(count: float) -> str:
-    """Write a number of bytes for people."""
+    """A number of bytes for people."""
     for unit in ("MB", "GB", "TB"):
         count /= 1e6 if unit == "MB" else 1e3
         if count < 1000.0:

@@ -73,22 +73,14 @@ _PER_SOME = re.compile(rf"([^/]*)/\s*({_UNSIGNED})\s*([^\W\d][^/]*)")
 
 
 class Quantity(str):
-    """A quantity as it was written ("2.4 cm"), which keeps its value: it is parsed once.
-
-    Attributes
-    ----------
-    unit : str
-        SI unit, as for `parse`.
-    si : float
-        Value in it.
-    """
+    """A quantity as it was written ("2.4 cm"), and its value `si` in the SI `unit`: parsed once."""
 
     unit: str = ""
     si: float = math.nan
 
     @classmethod
     def read(cls, value: Any, unit: str, *, column: bool = False, bare: bool = False) -> Self:
-        """Parse a quantity (see `parse`), or with `column` a unit by itself, its value in SI."""
+        """Parse a quantity, or with `column` a unit by itself; see `parse` and `parse_unit`."""
         si = parse_unit(value, unit) if column else parse(value, unit, bare=bare)
         quantity = cls(value if isinstance(value, str) else f"{si!r} {unit}")
         quantity.unit, quantity.si = unit, si
@@ -104,53 +96,35 @@ def _registry() -> pint.UnitRegistry:
 
 
 @lru_cache(maxsize=256)
-def _factor(text: str, unit: str) -> float:
-    """Return how many `unit` one `text` is; ValueError says in words why it is none."""
-    kind, example, _ = MEASURES[unit]
+def _factor(text: str, unit: str, example: str) -> float:
+    """How many `unit` one `text` is; a ValueError says in words why it is none."""
+    another = f'has the unit "{cut(text)}", which is not that of {MEASURES[unit][0]}'
     if unit == "1":
         if text not in _STRAINS:
-            raise ValueError(
-                f'has the unit "{cut(text)}", which is not that of {kind} like "{example}"'
-            )
+            raise ValueError(f'{another} like "{example}"')
         return _STRAINS[text]
-    registry = _registry()
+    registry, problem = _registry(), ""
     try:
         # pint reads "/cm" only with something in front of the slash
         parsed = registry.parse_units("1" + text if text.startswith("/") else text)
     except pint.UndefinedUnitError as error:
-        names = error.unit_names
-        name = names if isinstance(names, str) else ", ".join(names)
-        raise ValueError(
-            f'has the unknown unit "{cut(name)}", write for example "{example}"'
-        ) from None
+        names = [error.unit_names] if isinstance(error.unit_names, str) else error.unit_names
+        problem = f'unknown unit "{cut(", ".join(names))}"'
     except Exception:  # pint's parser fails with many types, from TypeError to AssertionError
-        problem = f'has the unreadable unit "{cut(text)}", write for example "{example}"'
-        raise ValueError(problem) from None
+        problem = f'unreadable unit "{cut(text)}"'
+    if problem:
+        raise ValueError(f'has the {problem}, write for example "{example}"')
     wanted = registry.parse_units(unit)
     if parsed.dimensionality != wanted.dimensionality:
-        raise ValueError(
-            f'has the unit "{cut(text)}", which is not that of {kind} like "{example}"'
-        )
+        raise ValueError(f'{another} like "{example}"')
     return float(registry.Quantity(1.0, parsed).to(wanted).magnitude)
 
 
 def parse(value: Any, unit: str, *, bare: bool = False) -> float:
-    """Turn one quantity into SI; what is wrong is a ValueError without the key.
+    """Turn one quantity ("520 N/cm") into an SI `unit` of MEASURES.
 
-    Parameters
-    ----------
-    value : str
-        Number and unit, "520 N/cm".
-    unit : str
-        SI unit of the result: "N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2" or
-        "kg/m**3".
-    bare : bool
-        Take a number without unit as SI already (scripts may, case files may not).
-
-    Raises
-    ------
-    ValueError
-        The end of a sentence that begins with the key.
+    ``bare``: numbers without unit are in SI already (scripts may give them, case files not). What
+    is wrong is a ValueError, the end of a sentence that begins with the key.
     """
     if isinstance(value, Quantity) and value.unit == unit:
         return value.si
@@ -169,11 +143,9 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         raise ValueError(f'must be {kind} in quotes like "{example}", got {shown(value)}')
     match = _NUMBER.fullmatch(value)
     if match is None:
-        raise ValueError(
-            f'must be a finite number with a unit like "{example}", got "{cut(value)}"'
-        )
-    digits, text = match.groups()
-    text = text.strip()
+        problem = f'must be a finite number with a unit like "{example}"'
+        raise ValueError(f'{problem}, got "{cut(value)}"')
+    digits, text = match[1], match[2].strip()
     if not text:
         raise ValueError(f'= "{cut(value)}" has no unit, write for example "{example}"')
     if re.match(r"[,.\d](?!\s*/)", text):  # a second number; only the 1 of "2.4 1/cm" may stand
@@ -184,7 +156,7 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         number /= float(per[2])
         text = f"{per[1]}/{per[3]}"
     try:
-        number *= _factor(text, unit)
+        number *= _factor(text, unit, example)
     except ValueError as error:
         raise ValueError(f'= "{cut(value)}" {error}') from None
     if not math.isfinite(number):
@@ -193,28 +165,14 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
 
 
 def parse_unit(value: Any, unit: str) -> float:
-    """Return how many SI units a unit by itself is, as it stands over a column of numbers.
-
-    Parameters
-    ----------
-    value : str
-        "deg", "N/mm", "%".
-    unit : str
-        SI unit, as for `parse`.
-
-    Raises
-    ------
-    ValueError
-        The end of a sentence that begins with the key.
-    """
-    kind, example, usual = MEASURES[unit]
+    """How many SI units a unit by itself ("deg") is; `unit` and errors as for `parse`."""
+    kind, _, usual = MEASURES[unit]
     if not isinstance(value, str) or not value.strip():
         raise ValueError(f'must be the unit of {kind} in quotes like "{usual}", got {shown(value)}')
     try:
-        return _factor(value.strip(), unit)
+        return _factor(value.strip(), unit, usual)
     except ValueError as error:
-        problem = str(error).replace(f'"{example}"', f'"{usual}"')
-        raise ValueError(f'= "{cut(value)}" {problem}') from None
+        raise ValueError(f'= "{cut(value)}" {error}') from None
 
 
 def to_si(value: Any, unit: str, key: str, *, bare: bool = False) -> float:
@@ -238,5 +196,5 @@ def format_si(value: float, unit: str) -> str:
     >>> format_si(52000.0, "N/m")
     '520 N/cm'
     """
-    shown = MEASURES[unit][2]
-    return f"{value / _factor(shown, unit):.6g} {shown}"
+    usual = MEASURES[unit][2]
+    return f"{value / _factor(usual, unit, usual):.6g} {usual}"

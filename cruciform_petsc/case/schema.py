@@ -68,13 +68,11 @@ def _petsc_options(value: Any) -> Any:
     for name, setting in value.items():
         if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
             raise ValueError(f'has the option "{name}", write it like "ksp_type", without a dash')
+        wanted = ""
         if not isinstance(setting, str | int | float):
-            raise ValueError(
-                f'"{name}" must be a string, a number or true/false, got {shown(setting)}'
-            )
-        if re.fullmatch(_PETSC_PART + f"(?:{_PETSC_TOLD})", name, re.ASCII):
-            if not isinstance(setting, bool):
-                raise ValueError(f'"{name}" must be true or false, got {shown(setting)}')
+            wanted = "a string, a number or true/false"
+        elif re.fullmatch(_PETSC_PART + f"(?:{_PETSC_TOLD})", name, re.ASCII):
+            wanted = "" if isinstance(setting, bool) else "true or false"
         elif not re.fullmatch(_PETSC_PART + f"(?:{_PETSC_SETTING})", name, re.ASCII):
             raise ValueError(
                 f'has the option "{name}", which a case file may not set: it is none, or could '
@@ -85,19 +83,14 @@ def _petsc_options(value: Any) -> Any:
             not re.fullmatch(r"[\w.,+-]*", setting, re.ASCII)
             or re.search("python|shell", setting, re.IGNORECASE)
         ):
-            raise ValueError(
-                f'"{name}" must be a number or one of PETSc\'s words that run no code, got '
-                f"{shown(setting)}"
-            )
+            wanted = "a number or one of PETSc's words that run no code"
+        if wanted:
+            raise ValueError(f'"{name}" must be {wanted}, got {shown(setting)}')
     return value
 
 
 class ContinuumTable(Table):
-    """[continuum]: the membrane to compare with.
-
-    ``second_gradient``: whether it resists the bending of yarns; None: if they do in the network
-    (`Case.second_gradient`).
-    """
+    """[continuum]: the membrane to compare with."""
 
     compare: bool = False
     """Solve a membrane in dolfinx, too, and compare."""
@@ -151,11 +144,7 @@ class OutputTable(Table):
 
 
 class Case(Table):
-    """A whole case file, checked.
-
-    The tables are the attributes ``title, fabric_table, preform_table, test, continuum, solver,
-    output``; the objects they describe come from `fabric` and `preform`.
-    """
+    """A whole case file, checked; what its tables describe comes from `fabric` and `preform`."""
 
     title: str = "untitled"
     """What the case is; heads log and figures."""
@@ -174,24 +163,11 @@ class Case(Table):
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
-        """Read and check a case file.
+        """Read and check a TOML file.
 
-        Parameters
-        ----------
-        path : str or Path
-            A TOML file.
-        overrides : sequence of str
-            "preform.refine=4": the value is read as TOML, or taken as a string if it is none.
-
-        Returns
-        -------
-        Case
-
-        Raises
-        ------
-        InputError
-            Anything wrong with the file, its keys and values, the fabric, the outline, or the
-            edges the test needs.
+        ``overrides`` are like "preform.refine=4", with a value in TOML, or a bare text. Raises
+        InputError for anything wrong with the file, its keys and values, the fabric, the outline,
+        or the edges the test needs.
         """
         data = _read(Path(path))
         output = data.get("output")
@@ -223,29 +199,18 @@ class Case(Table):
     def experiment(
         self, network: Network, *, bending: bool | None = None, controls: Any = None
     ) -> Experiment:
-        """Make the experiment.
+        """Make the experiment on the case's network, or a finer one.
 
-        Parameters
-        ----------
-        network : Network
-            Of the case, or a finer one.
-        bending : bool, optional
-            In place of the case's.
-        controls : float or list of float, optional
-            Extensions (angles, strains, a cantilever's loads) in SI, in place of the case's values.
+        ``bending`` and ``controls`` (extensions, angles, strains, a cantilever's loads, in SI) may
+        be others than the case's.
         """
-        test = self.test
-        given: dict[str, Any] = {key: getattr(test, key) for key in test.own_keys()}
+        given: dict[str, Any] = dict(iter(self.test))
+        kind = kind_class(given.pop("kind"))
         if controls is not None:
-            given |= dict.fromkeys(test.controls) | {next(iter(test.controls)): controls}
-        return kind_class(test.kind)(
-            network,
-            **given,
-            finite=test.finite,
-            bending=test.bending if bending is None else bending,
-            increments=test.increments,
-            options=self.solver.options,
-        )
+            given |= dict.fromkeys(self.test.controls) | {next(iter(self.test.controls)): controls}
+        if bending is not None:
+            given["bending"] = bending
+        return kind(network, **given, options=self.solver.options)
 
     @property
     def second_gradient(self) -> bool:
@@ -255,8 +220,7 @@ class Case(Table):
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
-        return super().model_dump(**(plain | options))
+        return super().model_dump(**({"by_alias": True, "mode": "json"} | options))
 
     def check_together(self) -> None:
         """Check what no single table can know."""
@@ -268,10 +232,9 @@ class Case(Table):
             except InputError as error:
                 raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
         self.test.check(preform, fabric)
-        if self.continuum.second_gradient:
-            for key in ("finite", "bending"):
-                if not getattr(self.test, key):
-                    raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
+        for key in ("finite", "bending") if self.continuum.second_gradient else ():
+            if not getattr(self.test, key):
+                raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
         if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
             raise InputError(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
@@ -284,21 +247,19 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
     except FileNotFoundError:
-        folder = path.parent
-        near = [p.name for p in folder.glob("*.toml")] if folder.is_dir() else []
+        near = [other.name for other in path.parent.glob("*.toml")]
         close = get_close_matches(path.name, near, 1)
-        hint = f', did you mean "{folder / close[0]}"?' if close else ""
-        raise InputError(f'case file "{path}" does not exist{hint}') from None
+        problem = "does not exist"
+        problem += f', did you mean "{path.parent / close[0]}"?' if close else ""
     except IsADirectoryError:
-        raise InputError(f'case file "{path}" is a folder, name a TOML file in it') from None
+        problem = "is a folder, name a TOML file in it"
     except OSError as error:
-        raise InputError(f'case file "{path}" cannot be read: {error.strerror}') from None
+        problem = f"cannot be read: {error.strerror}"
     except UnicodeDecodeError as error:
-        raise InputError(
-            f'case file "{path}" is not UTF-8 text (byte {error.start + 1}), save it as UTF-8'
-        ) from None
+        problem = f"is not UTF-8 text (byte {error.start + 1}), save it as UTF-8"
     except ValueError as error:  # TOML errors, and a null byte in the path
-        raise InputError(f'case file "{path}" is not TOML: {error}') from None
+        problem = f"is not TOML: {error}"
+    raise InputError(f'case file "{path}" {problem}')
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
@@ -313,10 +274,8 @@ def _apply(data: dict[str, Any], override: str) -> None:
     except tomllib.TOMLDecodeError:
         setting = text.strip()
     table: Any = data
-    for i, key in enumerate(keys[:-1]):
+    for i, key in enumerate(keys[:-1], 1):
         table = table.setdefault(key, {})
         if not isinstance(table, dict):
-            raise InputError(
-                f'--set "{override}": {".".join(keys[: i + 1])} is a value, not a table'
-            )
+            raise InputError(f'--set "{override}": {".".join(keys[:i])} is a value, not a table')
     table[keys[-1]] = setting

@@ -15,24 +15,10 @@ _COMMENT_AT = 36  # column of comments behind short values
 
 
 def new_case(kind: str, name: str = "") -> str:
-    """Write a commented case file.
+    """A commented case file of a kind of test, in TOML; an unknown kind is an InputError.
 
-    Parameters
-    ----------
-    kind : str
-        One of `experiments.registry.KINDS`.
-    name : str
-        Of the folder of its results in ``results/``; by default one that no demo has.
-
-    Returns
-    -------
-    str
-        TOML. Keys that may be left out and have no default stand in comments.
-
-    Raises
-    ------
-    InputError
-        There is no such kind.
+    Keys that may be left out and have no default stand in comments. ``name`` is that of the folder
+    of its results in ``results/``, by default one that no demo has.
     """
     table = kind_class(kind).table
     values = table.template | {
@@ -59,10 +45,7 @@ def new_case(kind: str, name: str = "") -> str:
 def write_new_case(kind: str, path: str | Path) -> None:
     """Write `new_case` into a file that must not be there yet; results go by the file's name.
 
-    Raises
-    ------
-    InputError
-        No such kind, or the file is there or cannot be written.
+    Raises InputError if there is no such kind, or the file is there or cannot be written.
     """
     stem = re.sub(r"[^\w.+-]+", "_", Path(path).stem)
     text = new_case(kind, stem if stem.strip("._") else "")

@@ -45,24 +45,16 @@ _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/
 
 @dataclass(frozen=True)
 class YarnFamily:
-    """One family of yarns, warp or weft.
-
-    Attributes
-    ----------
-    modulus : float
-        Extensional modulus of the cloth along these yarns [N/m].
-    poisson : float
-        Contraction of the other family per stretch of this one when only this one is pulled.
-    yarns : float
-        Yarns per length across them [1/m].
-    yarn_bending : float
-        In-plane flexural rigidity of one yarn [N m^2].
-    """
+    """One family of yarns, warp or weft, in SI."""
 
     modulus: float
+    """Extensional modulus of the cloth along these yarns [N/m]."""
     poisson: float
+    """Contraction of the other family per stretch of this one when only this one is pulled."""
     yarns: float
+    """Yarns per length across them [1/m]."""
     yarn_bending: float = 0.0
+    """In-plane flexural rigidity of one yarn [N m^2]."""
 
     @property
     def spacing(self) -> float:
@@ -73,32 +65,6 @@ class YarnFamily:
 @dataclass(frozen=True, repr=False)
 class Fabric:
     """A woven cloth, elastic in the plane.
-
-    Attributes
-    ----------
-    name : str
-    warp, weft : YarnFamily
-    shear_modulus : float
-        G [N/m]; with a shear law its slope at rest.
-    source : str
-        Where the values come from.
-    shear_law : Potential, optional
-        Energy per area [N/m] over the shear angle [rad]; default: linear, G.
-    warp_law, weft_law : Potential, optional
-        Energy per area [N/m] over the strain of the family at no strain of the other; default:
-        linear, C11 and C22. The modulus is its slope at rest.
-    log_strain : bool
-        Strain is the logarithm of the stretch, not the stretch less 1.
-    compression : float
-        Stiffness of yarns in compression over that in tension.
-    compression_width : float
-        Strain over which the stiffness falls when a yarn goes from tension into compression.
-    areal_density : float, optional
-        Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md).
-    thickness : float, optional
-        Of the cloth at rest [m]; for exports and pictures in space.
-    fibre_density : float, optional
-        Mass per volume of what the yarns consist of [kg/m^3]; for exports.
 
     Raises
     ------
@@ -113,16 +79,28 @@ class Fabric:
     warp: YarnFamily
     weft: YarnFamily
     shear_modulus: float
+    """G [N/m]; with a shear law its slope at rest."""
     source: str = ""
+    """Where the values come from."""
     shear_law: Potential | None = None
+    """Energy per area [N/m] over the shear angle [rad]; None: linear, G."""
     warp_law: Potential | None = None
+    """Energy per area [N/m] over the strain of the warp at no strain of the weft; None: linear,
+    C11. The modulus is its slope at rest."""
     weft_law: Potential | None = None
+    """The same of the weft; None: linear, C22."""
     log_strain: bool = False
+    """Strain is the logarithm of the stretch, not the stretch less 1."""
     compression: float = 1.0
+    """Stiffness of yarns in compression over that in tension."""
     compression_width: float = 1e-4
+    """Strain over which the stiffness falls when a yarn goes from tension into compression."""
     areal_density: float | None = None
+    """Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md)."""
     thickness: float | None = None
+    """Of the cloth at rest [m]; for exports and pictures in space."""
     fibre_density: float | None = None
+    """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
@@ -171,14 +149,9 @@ class Fabric:
 
     @classmethod
     def from_table(cls, name: str, table: Mapping[str, Any]) -> Fabric:
-        """Make a fabric from values with units, laid out as in a case file.
+        """Make a fabric from values with units, as in ``[fabric]`` of a case file.
 
-        Parameters
-        ----------
-        name : str
-        table : mapping
-            As ``[fabric]`` of a case file (docs/case-file.md), and maybe ``source``. What is None
-            counts as missing.
+        See docs/case-file.md; there may also be a ``source``. What is None counts as missing.
         """
         return _LibraryTable.from_data(dict(table), "fabric").build(name)
 
@@ -186,12 +159,8 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        Parameters
-        ----------
-        name : str
-        changes : mapping, optional
-            What replaces the library's: ``shear`` and ``tension`` as a whole, ``areal_density``,
-            ``thickness``, ``fibre_density``; as for `from_table`.
+        ``changes`` replace the library's ``shear`` and ``tension`` as a whole, ``areal_density``,
+        ``thickness``, ``fibre_density``; as for `from_table`.
 
         Examples
         --------
@@ -252,29 +221,15 @@ class Fabric:
         return self.areal_density / (self.fibre_density * self.thickness)
 
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Strain of a yarn as its law of tension takes it, and its derivatives by the stretch.
-
-        Returns
-        -------
-        e, de/dstretch, d2e/dstretch2 : arrays shaped like `stretch`
-        """
+        """Strain e as a law of tension takes it, de/dstretch, d2e/dstretch2: as `stretch`."""
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
 
     def off_axis_modulus(self, angle: Any) -> Any:
-        """Modulus of a strip with free sides cut at an angle to the warp.
+        """Modulus [N/m] of a strip with free sides, by the angle [rad] from its pull to the warp.
 
         Kilby 1963, J. Text. Inst. 54:T9:
 
         1/E_t = cos^4 t / E_w + sin^4 t / E_e + (1/G - 2 nu_w / E_w) sin^2 t cos^2 t
-
-        Parameters
-        ----------
-        angle : float or array
-            Between the direction of pull and the warp [rad].
-
-        Returns
-        -------
-        float or array, as `angle` [N/m]
         """
         c2, s2 = np.cos(angle) ** 2, np.sin(angle) ** 2
         mixed = 1.0 / self.shear_modulus - 2.0 * self.warp.poisson / self.warp.modulus
@@ -402,22 +357,18 @@ class YarnTable(Table):
     @field_validator("modulus")
     @classmethod
     def _or_tension(cls, modulus: Quantity | None, info: ValidationInfo) -> Quantity | None:
-        if "tension" not in info.data:  # given, and wrong in itself
-            return modulus
-        if modulus is None and info.data["tension"] is None:
+        tension = info.data.get("tension", ...)  # not there: given, and wrong in itself
+        if modulus is None and tension is None:
             raise ValueError("is missing")
-        if modulus is not None and info.data["tension"] is not None:
+        if modulus is not None and isinstance(tension, TensionLawTable):
             raise ValueError("cannot stand beside tension, a law in its place")
         return modulus
 
     def build(self) -> tuple[YarnFamily, Potential | None]:
         """Make the family, and its law of tension if it has one."""
         law = None if self.tension is None else self.tension.build()
-        own = self.yarns.si, self.yarn_bending.si
-        if law is not None:
-            return YarnFamily(law.stiffness0, self.poisson, *own), law
-        assert self.modulus is not None  # the check above has seen to it
-        return YarnFamily(self.modulus.si, self.poisson, *own), None
+        modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
+        return YarnFamily(modulus, self.poisson, self.yarns.si, self.yarn_bending.si), law
 
 
 class ShearTable(Table):
@@ -440,17 +391,16 @@ class ShearTable(Table):
     @model_validator(mode="after")
     def _can_be(self) -> ShearTable:
         given = [key for key, value in self if value is not None and key != "law"]
-        takes = _SHEAR_LAWS[self.law]
-        if self.law is not None and self.modulus is not None:
-            raise ValueError("needs either modulus or law, not both")
+        takes, keys = _SHEAR_LAWS[self.law], "modulus without law"
+        if self.law is not None:
+            keys = f'{", ".join(("law", *takes))} with law = "{self.law}"'
+            if self.modulus is not None:
+                raise ValueError("needs either modulus or law, not both")
+        elif not given:
+            raise ValueError("needs modulus or law")
         for key in given:
             if key not in takes:
-                keys = "modulus without law"
-                if self.law is not None:
-                    keys = f'{", ".join(("law", *takes))} with law = "{self.law}"'
                 raise ValueError(f"takes {keys}, not {key}")
-        if not given and self.law is None:
-            raise ValueError("needs modulus or law")
         for key in takes:
             if key not in given:
                 raise ValueError(f".{key} is missing")
@@ -513,14 +463,14 @@ class FabricTable(Table):
 
     @model_validator(mode="after")
     def _one_way(self) -> FabricTable:
-        given = [key for key in ("warp", "weft") if getattr(self, key) is not None]
+        missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
+        given = [key for key in ("warp", "weft") if key not in missing]
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
                 "(beside use only shear, tension, areal_density, thickness and fibre_density may "
                 "stand)"
             )
-        missing = [key for key in ("warp", "weft", "shear") if getattr(self, key) is None]
         if self.use is None and missing:
             raise ValueError(
                 f"needs use, or warp, weft and shear ({' and '.join(missing)} missing)"
@@ -529,30 +479,26 @@ class FabricTable(Table):
 
     def build(self, name: str) -> Fabric:
         """Make the fabric; one of the library keeps its name, with what is replaced."""
+        given = {key: value for key, value in self if value is not None}
         if self.use is not None:
-            changes = {key: value for key, value in self if value is not None and key != "use"}
-            replaced = f", {' and '.join(changes)} replaced" if changes else ""
-            return _published(self.use).model_copy(update=changes).build(self.use + replaced)
-        assert self.warp is not None  # the check above has seen to these
-        assert self.weft is not None
-        assert self.shear is not None
-        warp, warp_law = self.warp.build()
-        weft, weft_law = self.weft.build()
-        shear = self.shear.build()
-        tension = self.tension or TensionTable()
+            del given["use"]
+            replaced = f", {' and '.join(given)} replaced" if given else ""
+            return _published(self.use).model_copy(update=given).build(self.use + replaced)
+        (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
+        shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,
             warp,
             weft,
             shear_modulus=shear.stiffness0,
-            source=getattr(self, "source", ""),
+            source=given.get("source", ""),
             shear_law=None if shear.name == "linear" else shear,
             warp_law=warp_law,
             weft_law=weft_law,
             log_strain=tension.strain == "log",
             compression=tension.compression,
             compression_width=tension.compression_width,
-            **{key: None if (q := getattr(self, key)) is None else q.si for key in _PLY_DATA},
+            **{key: given[key].si for key in _PLY_DATA if key in given},
         )
 
 

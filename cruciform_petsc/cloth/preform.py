@@ -32,6 +32,9 @@ _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 _MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
+# Straight pieces of the outline with names of their own: axis, and which end of it.
+_SIDES = {"lower": (1, 0), "upper": (1, 1), "left": (0, 0), "right": (0, 1)}
+
 Length = str | float
 
 
@@ -46,10 +49,8 @@ class Preform:
         clockwise, so that the cloth lies on the left of every boundary segment.
     bias_angle : float or str
         From y to the warp [rad], or with a unit: "45 deg".
-    refine : int
-        Divides the pitch: a finer network of the same fabric.
-    yarns_per_cruciform : int
-        Multiplies the pitch: a coarser network of the same fabric.
+    refine, yarns_per_cruciform : int
+        Divides or multiplies the pitch: a finer or coarser network of the same fabric.
     origin : pair of float or str, optional
         A crossover of the lattice [m]; default: the centre of the outline's bounding box.
     edges : dict, optional
@@ -65,8 +66,7 @@ class Preform:
     Raises
     ------
     InputError
-        An outline that crosses itself, has no area, or holes that touch; see also the checks
-        on the numbers.
+        An outline that crosses itself, has no area, or holes that touch; numbers out of range.
 
     Examples
     --------
@@ -108,18 +108,22 @@ class Preform:
             if max(map(abs, si_values(lattice.origin))) > _LARGEST:
                 raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
         put("outline", _checked(self.outline))
-        edges = _named_edges(self.outline)
-        for name, segments in (self.edges or {}).items():
-            edges[name] = _segments_on(self.outline, name, segments)
-        put("edges", edges)
+        own = {name: _segments_on(self.outline, name, e) for name, e in (self.edges or {}).items()}
+        put("edges", _named_edges(self.outline) | own)
+
+    @property
+    def size(self) -> np.ndarray:
+        """Width and length of the outline's bounding box, float (2,) [m]."""
+        return np.ptp(np.reshape(self.outline.bounds, (2, 2)), axis=0)
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Centre of the outline's bounding box, float (2,) [m]."""
+        return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
-        """Width and length of a rectangle along x and y, m; None for anything else.
-
-        ``tolerance`` is for the area, relative.
-        """
-        x0, y0, x1, y1 = self.outline.bounds
-        width, length = float(x1 - x0), float(y1 - y0)
+        """Width and length of a rectangle along x and y, m; None for any other area, relatively."""
+        width, length = map(float, self.size)
         off = abs(self.outline.area - width * length)
         return (width, length) if off <= tolerance * width * length else None
 
@@ -137,10 +141,8 @@ class Preform:
 
         Parameters
         ----------
-        width, length : str or float
-            With a unit ("75 mm") or in metres.
-        bias_angle : str or float
-            With a unit ("45 deg") or in radians.
+        width, length, bias_angle : str or float
+            With a unit ("75 mm", "45 deg") or in SI.
         holes : sequence of sequences of pairs
             Corners of each hole, with units or in metres.
         **options
@@ -163,9 +165,7 @@ class Preform:
         ----------
         points : sequence of pairs
             Corners in order, with units or in metres; need not be closed.
-        holes : sequence of sequences of pairs
-            Corners of each hole.
-        bias_angle, **options
+        holes, bias_angle, **options
             As for `rectangle`.
         """
         return cls._cut({"polygon": points, "holes": holes}, bias_angle, options)
@@ -193,10 +193,7 @@ class Preform:
     @property
     def lattice_origin(self) -> np.ndarray:
         """Where a crossover lies, given or the centre of the bounding box, float (2,) [m]."""
-        if self.origin is not None:
-            return np.array(self.origin)
-        x0, y0, x1, y1 = self.outline.bounds
-        return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
+        return self.middle if self.origin is None else np.array(self.origin)
 
     def check_along_the_yarns(self, whose: str) -> None:
         """Raise InputError, which names `whose` need it is, if yarns do not follow its sides."""
@@ -220,45 +217,38 @@ class Preform:
 
     def check_size(self, fabric: Fabric) -> None:
         """Raise InputError if the outline is smaller than one cruciform of this fabric."""
-        h_warp, h_weft = self.pitch(fabric)
-        x0, y0, x1, y1 = self.outline.bounds
+        pitch = self.pitch(fabric)
         along = np.asarray(self.outline.exterior.coords)[:, :2] @ self.rotation.T
         room = 1.0 + _ROUNDING  # exactly one cruciform is enough, rounding or not
-        too_small = (
-            self.outline.area * room < h_warp * h_weft
-            or min(x1 - x0, y1 - y0) * room < min(h_warp, h_weft)
-            or bool((np.ptp(along, axis=0) * room < (h_warp, h_weft)).any())
-        )
-        if too_small:
+        if (
+            self.outline.area * room < math.prod(pitch)
+            or self.size.min() * room < min(pitch)
+            or (np.ptp(along, axis=0) * room < pitch).any()
+        ):
             coarse = self.yarns_per_cruciform > 1
             cure = "lower preform.yarns_per_cruciform" if coarse else "raise preform.refine"
             raise InputError(
-                f"preform.outline ({_size(x1 - x0, y1 - y0)}) is smaller than one cruciform "
-                f"({_size(h_warp, h_weft)} along the yarns), make it larger or {cure}"
+                f"preform.outline ({_size(*self.size)}) is smaller than one cruciform "
+                f"({_size(*pitch)} along the yarns), make it larger or {cure}"
             )
 
     def edge(self, name: str) -> np.ndarray:
-        """Return the segments of a named edge, float (n, 2, 2): segment, end, x or y [m].
+        """Segments of a named edge, float (n, 2, 2): segment, end, x or y [m].
 
-        The cloth lies on the left of each segment.
-
-        Raises
-        ------
-        InputError
-            There is no such edge; the message lists the known ones.
+        The cloth lies on the left of each. An unknown name is an InputError that lists the known.
         """
         if name in self.edges:
             return self.edges[name]
         close = get_close_matches(str(name), self.edges, 1)
         hint = f'did you mean "{close[0]}"? ' if close else ""
-        extreme = {"lower": "smallest y", "upper": "largest y", "left": "smallest x"}
-        extreme["right"] = "largest x"
-        if name in extreme:
-            hint = f"no straight piece of the outline lies at its {extreme[name]}, "
+        if name in _SIDES:
+            axis, end = _SIDES[name]
+            extreme = f"{('smallest', 'largest')[end]} {'xy'[axis]}"
+            hint = f"no straight piece of the outline lies at its {extreme}, "
         raise InputError(f'preform has no edge "{name}" ({hint}known: {self._edge_list()})')
 
     def _edge_list(self) -> str:
-        """Write the known names, numbered ones as a range."""
+        """The known names, numbered ones as a range."""
         names = [name for name in self.edges if not re.fullmatch(r"(outline|hole)-\d+", name)]
         for kind in ("outline", "hole"):
             group = [name for name in self.edges if re.fullmatch(rf"{kind}-\d+", name)]
@@ -267,12 +257,10 @@ class Preform:
 
     def __repr__(self) -> str:
         """Size, area and direction."""
-        x0, y0, x1, y1 = self.outline.bounds
-        holes = len(self.outline.interiors)
         return (
-            f"Preform({_size(x1 - x0, y1 - y0)}, area {self.outline.area * 1e4:.6g} cm^2, "
-            f"{holes} holes, bias {format_si(self.bias_angle, 'rad')}, refine {self.refine}, "
-            f"yarns_per_cruciform {self.yarns_per_cruciform})"
+            f"Preform({_size(*self.size)}, area {self.outline.area * 1e4:.6g} cm^2, "
+            f"{len(self.outline.interiors)} holes, bias {format_si(self.bias_angle, 'rad')}, "
+            f"refine {self.refine}, yarns_per_cruciform {self.yarns_per_cruciform})"
         )
 
 
@@ -289,11 +277,10 @@ def _checked(outline: Any) -> shapely.Polygon:
         raise InputError("preform.outline has a corner that is not finite")
     if np.abs(coordinates).max() > _LARGEST:
         raise InputError(f"preform.outline has a corner more than {_LARGEST:g} m from x = y = 0")
-    names = ["preform.outline", *(f"hole-{i + 1}" for i in range(len(outline.interiors)))]
-    pieces = [shapely.Polygon(ring) for ring in (outline.exterior, *outline.interiors)]
-    for name, piece in zip(names, pieces, strict=True):
-        _check_ring(name, piece)
-    shell, holes = pieces[0], pieces[1:]
+    shell, *holes = (shapely.Polygon(ring) for ring in (outline.exterior, *outline.interiors))
+    _check_ring("preform.outline", shell)
+    for i, hole in enumerate(holes):
+        _check_ring(f"hole-{i + 1}", hole)
     for i, hole in enumerate(holes):
         if not shell.contains_properly(hole):
             raise InputError(
@@ -310,15 +297,13 @@ def _checked(outline: Any) -> shapely.Polygon:
 
 
 def _check_ring(name: str, piece: shapely.Polygon) -> None:
-    hull = shapely.convex_hull(piece)
-    if shapely.get_dimensions(hull) < 2 or hull.area < _SMALLEST:
+    if shapely.convex_hull(piece).area < _SMALLEST:  # of a line it is 0
         raise InputError(f"{name} has no area, its corners lie on one line")
     if not piece.is_valid:
-        reason = explain_validity(piece)
-        place = re.search(r"\[(\S+) (\S+)", reason)
+        place = re.search(r"\[(\S+) ([^]\s]+)", explain_validity(piece))
         where = ""
         if place is not None:
-            x, y = (format_si(float(part.rstrip("]")), "m") for part in place.groups())
+            x, y = (format_si(float(part), "m") for part in place.groups())
             where = f" at x = {x}, y = {y}"
         raise InputError(f"{name} crosses or touches itself{where}, it must be a simple polygon")
 
@@ -329,16 +314,11 @@ def _named_edges(outline: shapely.Polygon) -> dict[str, np.ndarray]:
         return np.stack([points[:-1], points[1:]], axis=1)
 
     exterior = segments(outline.exterior)
-    low, high = exterior.min(axis=(0, 1)), exterior.max(axis=(0, 1))
-    near = _ROUNDING * (high - low).max()
+    box = np.reshape(outline.bounds, (2, 2))
+    near = _ROUNDING * np.ptp(box, axis=0).max()
     edges = {}
-    for name, axis, value in (
-        ("lower", 1, low[1]),
-        ("upper", 1, high[1]),
-        ("left", 0, low[0]),
-        ("right", 0, high[0]),
-    ):
-        lies_there = (np.abs(exterior[:, :, axis] - value) <= near).all(axis=1)
+    for name, (axis, end) in _SIDES.items():
+        lies_there = (np.abs(exterior[:, :, axis] - box[end, axis]) <= near).all(axis=1)
         if lies_there.any():
             edges[name] = exterior[lies_there]
     edges |= {f"outline-{i + 1}": exterior[i : i + 1] for i in range(len(exterior))}
@@ -351,8 +331,7 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
     array = np.array(segments, float)
     if array.ndim != 3 or array.shape[1:] != (2, 2) or not len(array):
         raise InputError(f'edge "{name}" must have the shape (n, 2, 2), got {array.shape}')
-    x0, y0, x1, y1 = outline.bounds
-    size = max(x1 - x0, y1 - y0)
+    size = np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max()
     lines = shapely.linestrings(array)
     if not shapely.covers(outline.boundary.buffer(1e-6 * size), lines).all():
         raise InputError(f'edge "{name}" does not lie on preform.outline')
@@ -391,14 +370,12 @@ class OutlineTable(Table):
 
     def build(self) -> shapely.Polygon:
         """Make the outline, in metres; `Preform` checks it."""
-        if self.rectangle is not None:
-            width, length = si_values(self.rectangle)
-            x = 0.5 * width
-            shell = [[-x, 0.0], [x, 0.0], [x, length], [-x, length]]
-        else:
-            shell = [si_values(point) for point in self.polygon or ()]
         holes = [[si_values(point) for point in hole] for hole in self.holes]
-        return shapely.Polygon(shell, holes)
+        if self.rectangle is None:
+            return shapely.Polygon([si_values(point) for point in self.polygon or ()], holes)
+        width, length = si_values(self.rectangle)
+        x = 0.5 * width
+        return shapely.Polygon([[-x, 0.0], [x, 0.0], [x, length], [-x, length]], holes)
 
 
 class LatticeTable(Table):

@@ -55,11 +55,8 @@ class BiasExtension(Experiment):
 
     Parameters
     ----------
-    network : Network
-    extension : str, float or sequence of them, optional
-        Displacement of the upper edge, with units or in metres.
-    load : str, float or sequence of them, optional
-        Force on the upper edge, with units or in newtons. Just one of the two is given.
+    network, extension, load
+        Displacement (m) of the upper edge, or in its place the force (N) on it.
     upper : "grip" or "centre-line"
         Gripped like the lower edge; or the paper's half specimen, whose upper edge is the middle of
         the whole one: it moves as one along the pull and is free across it.
@@ -67,7 +64,7 @@ class BiasExtension(Experiment):
         All modes of deformation in one system; or the paper's three systems, one after the other
         (see solvers.separate; small displacements only).
     **keys
-        See Experiment.
+        See Experiment, also for the network and values with units.
     """
 
     table: ClassVar[type[TestTable]] = BiasExtensionTable
@@ -78,15 +75,15 @@ class BiasExtension(Experiment):
     upper = "grip"
 
     def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
-        super().__init__(network, extension=extension, load=load, **keys)
+        super().__init__(network, extension, load=load, **keys)
         self.clamps = ("lower", "upper") if self.upper == "grip" else ("lower",)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge; clamp or guide the upper one. Collective."""
-        lower = Grip("lower", constraints.clamp("lower"))
-        if self.upper == "grip":
-            return [lower, Grip("upper", constraints.clamp("upper"))]
-        return [lower, Grip("upper", constraints.guide("upper", PULL, 0.0))]
+        grips = [Grip(edge, constraints.clamp(edge)) for edge in self.clamps]
+        if self.upper != "grip":
+            grips.append(Grip("upper", constraints.guide("upper", PULL, 0.0)))
+        return grips
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
         """The upper edge moves along y."""
@@ -94,8 +91,7 @@ class BiasExtension(Experiment):
 
     def default_step(self) -> float:
         """A fiftieth of the length: some three degrees of shear."""
-        low, high = self.network.preform.outline.bounds[1::2]
-        return 0.02 * (high - low)
+        return 0.02 * float(self.size[1])
 
     def solve(self, accepted=None, keeper=None) -> TestResult:
         """Solve and measure, see Experiment.solve. Collective."""
@@ -124,28 +120,25 @@ class BiasExtension(Experiment):
         return length - width if length >= 2.0 * width * (1 - 1e-9) else None
 
     def _solve_separately(self) -> TestResult:
-        network = self.network
+        network, load = self.network, 1.0
         constraints = Constraints(network, self.bending)
         constraints.clamp("lower")
         constraints.tie("upper", PULL, gripped=self.upper == "grip")
         linear = LinearNetwork(constraints)
-        load = 1.0
         modes = solve_separately(linear, load, self.options)
         total = None
-        extension, moved = 0.0, np.zeros((network.num_nodes_local, 2))
+        moved = np.zeros((network.num_nodes_local, 2))
         for mode, solution in modes.items():
             fields = linear.crossover_fields(solution.displacement, mode)
             moved = moved + linear.node_displacement(solution.displacement, fields)
-            extension += solution.tied_displacement
             if total is None:
                 total = fields
-            else:
-                # Each mode's own measure from its own system; displacements add up.
-                total["displacement"] = total["displacement"] + fields["displacement"]
-                total[f"{mode}_energy"] = fields[f"{mode}_energy"]
-                if mode == "shear":
-                    for name in ("shear_angle", "arm_rotation"):
-                        total[name] = fields[name]
+                continue
+            # Each mode's own measure from its own system; displacements add up.
+            total["displacement"] = total["displacement"] + fields["displacement"]
+            own = ("shear_angle", "arm_rotation") if mode == "shear" else ()
+            total |= {name: fields[name] for name in (f"{mode}_energy", *own)}
+        extension = sum(solution.tied_displacement for solution in modes.values())
         if extension == 0.0:
             raise InputError("no mode by itself lets the upper edge move; use model = 'coupled'")
         state = State(extension, load, total, moved)

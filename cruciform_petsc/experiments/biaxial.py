@@ -48,11 +48,11 @@ class BiaxialTable(TestTable):
 
     @model_validator(mode="after")
     def _both_lengths_positive(self) -> BiaxialTable:
-        for strain in self.values_si:
-            if not _leaves_cloth(self.ratio * strain):
+        for strain in (self.ratio * warp for warp in self.values_si):
+            if not _leaves_cloth(strain):
                 raise ValueError(
                     "prescribes a weft strain (strain times ratio) of "
-                    f"{format_si(self.ratio * strain, '1')}, it must be finite and more than -100 %"
+                    f"{format_si(strain, '1')}, it must be finite and more than -100 %"
                 )
         return self
 
@@ -67,8 +67,7 @@ class Biaxial(Experiment):
 
     Parameters
     ----------
-    network : Network
-    strain : str, float or sequence of them
+    network, strain
         Engineering strain along the warp, "1 %" or 0.01.
     ratio : float
         Strain along the weft over that along the warp.
@@ -87,25 +86,20 @@ class Biaxial(Experiment):
     colour = "tension"
 
     def __init__(self, network: Network, strain: Any, **keys: Any):
-        super().__init__(network, strain=strain, **keys)
+        super().__init__(network, strain, **keys)
         # Warp along y for a bias angle of 0.
         self._warp_axis = int(abs(network.preform.rotation[0, 1]) > 0.5)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Guide all four edges across themselves; corners are then held. Collective."""
-        grips = []
-        for edge, direction in (("lower", (0, 1)), ("upper", (0, 1)), ("left", (1, 0)),
-                                ("right", (1, 0))):  # fmt: skip
-            grips.append(Grip(edge, constraints.guide(edge, direction, 0.0)))
-        return grips
+        across = dict(zip(self.clamps, ((0, 1), (0, 1), (1, 0), (1, 0)), strict=True))
+        return [Grip(edge, constraints.guide(edge, d, 0.0)) for edge, d in across.items()]
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
         """Stretch about the middle."""
-        low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
-        middle = 0.5 * np.array([low_x + high_x, low_y + high_y])
-        stretch = np.array([1.0 + control * self.ratio] * 2)
+        stretch = np.full(2, 1.0 + control * self.ratio)
         stretch[self._warp_axis] = 1.0 + control
-        return np.diag(stretch), middle - stretch * middle
+        return np.diag(stretch), self.middle - stretch * self.middle
 
     def _along(self, result: TestResult, axis: int) -> np.ndarray:
         """Mean force on the two edges across an axis, N; (n,)."""
@@ -115,35 +109,29 @@ class Biaxial(Experiment):
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Strain along the weft, and force and tension (per width at rest) of both families."""
-        width = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
         warp, weft = self._warp_axis, 1 - self._warp_axis
         along_warp, along_weft = self._along(result, warp), self._along(result, weft)
         return {
             "strain_weft_percent": 100.0 * result.controls * self.ratio,
             "force_warp_N": along_warp,
             "force_weft_N": along_weft,
-            "tension_warp_N_per_cm": along_warp / width[weft] / 100.0,
-            "tension_weft_N_per_cm": along_weft / width[warp] / 100.0,
+            "tension_warp_N_per_cm": along_warp / self.size[weft] / 100.0,
+            "tension_weft_N_per_cm": along_weft / self.size[warp] / 100.0,
         }
 
     def extensions(self, result: TestResult) -> np.ndarray:
         """Along the warp."""
-        preform = self.network.preform
-        sides = np.ptp(np.reshape(preform.outline.bounds, (2, 2)), axis=0)
-        return result.controls * float(abs(preform.rotation[0]) @ sides)
+        return result.controls * self.size[self._warp_axis]
 
     def load_of(self, work: float, control: float) -> float:
         """Force that does the work of both directions on the warp's own extension, N."""
-        length = np.ptp(np.reshape(self.network.preform.outline.bounds, (2, 2)), axis=0)
-        return work / float(length[self._warp_axis])
+        return work / float(self.size[self._warp_axis])
 
     def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
         """Tension of both families."""
+        names = {"warp": "warp", "weft": f"weft, strain {self.ratio:.3g} of the warp's"}
         strain = columns["strain_warp_percent"]
         lines = {
-            "warp": (strain, columns["tension_warp_N_per_cm"]),
-            f"weft, strain {self.ratio:.3g} of the warp's": (
-                strain, columns["tension_weft_N_per_cm"],
-            ),
-        }  # fmt: skip
+            name: (strain, columns[f"tension_{side}_N_per_cm"]) for side, name in names.items()
+        }
         return "tension_against_strain", (self.column.axis, "tension (N/cm)"), lines

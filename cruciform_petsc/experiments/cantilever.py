@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import model_validator
 
 from ..net.edges import Constraints
-from ..net.network import Network
 from ..quantities import LOAD, declare, quantity
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
@@ -52,8 +51,7 @@ class Cantilever(Experiment):
 
     Parameters
     ----------
-    network : Network
-    load : str, float or sequence of them
+    network, load
         Force along x, with units or in newtons.
     **keys
         See Experiment.
@@ -67,9 +65,6 @@ class Cantilever(Experiment):
     captions: ClassVar = {
         "load_against_deflection.png": "Load against the deflection of the loaded edge."
     }
-
-    def __init__(self, network: Network, load: Any, **keys: Any):
-        super().__init__(network, load=load, **keys)
 
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp the lower edge, put a load of 1 N along x on the upper one. Collective."""

@@ -9,8 +9,7 @@ everything else by proportion) or at finite deformation (finite.py).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -32,30 +31,17 @@ from .table import TestTable
 DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
 
 PULL = np.array([0.0, 1.0])
-# Bytes per crossover while a system is solved. Measured with CG at small displacements: 6400 and,
-# with yarns that bend, 9000; other ways take more. These are lower, so that nothing is refused that
-# another preconditioner might do.
-BYTES_HINGED, BYTES_BENDING = 4e3, 6e3
+# Bytes per crossover while a system is solved, by whether yarns bend. Measured with CG at small
+# displacements: 6400 and 9000; other ways take more. These are lower, so that nothing is refused
+# that another preconditioner might do.
+BYTES = {False: 4e3, True: 6e3}
 
 
-@dataclass
-class Grip:
-    """An edge in a grip.
-
-    Attributes
-    ----------
-    edge : str
-    nodes : int array
-        Local nodes of the network on the edge.
-    """
+class Grip(NamedTuple):
+    """An edge in a grip, and the network's local nodes on it."""
 
     edge: str
     nodes: np.ndarray
-
-
-def _columns(motions: np.ndarray) -> np.ndarray:
-    """Motions (n, d, m) of n nodes as columns over their unknowns, (n d, m)."""
-    return motions.reshape(-1, motions.shape[2])
 
 
 class Experiment:
@@ -64,6 +50,8 @@ class Experiment:
     Parameters
     ----------
     network : Network
+    control : str, float or sequence of them, optional
+        Of the kind's first control: extension, angle, strain or load; with units or in SI.
     options : dict, optional
         PETSc options for the solver, without the prefix.
     out_of_plane : (float, float), optional
@@ -73,8 +61,14 @@ class Experiment:
         Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (finite
         deformation; else small displacements), ``bending`` (whether yarns resist it in the plane),
         ``increments`` (finite deformation: at least so many steps to the largest value), the
-        controls asked for, and the kind's own, which become attributes. Numbers without unit are
-        in SI.
+        controls by name, and the kind's own, which become attributes.
+
+    Attributes
+    ----------
+    values : float (n,)
+        Values asked for, SI; loads if ``by_load``.
+    size, middle : float (2,)
+        Of the outline's bounding box, m.
     """
 
     table: ClassVar[type[TestTable]]  # of a case file
@@ -102,37 +96,37 @@ class Experiment:
     def __init__(
         self,
         network: Network,
+        control: Any = None,
         *,
         options: dict | None = None,
         out_of_plane: tuple[float, float] | None = None,
         **keys: Any,
     ):
-        given = {key: value for key, value in keys.items() if value is not None}
-        self.test = test = self.table.from_data({"kind": self.kind} | given, "test", bare=True)
-        test.check(network.preform, network.fabric)
         # What the kind prescribes; `by_load`: a load in its place.
-        self.control, self.unit = next(iter(test.controls.items()))
+        self.control, self.unit = next(iter(self.table.controls.items()))
+        first = {} if control is None else {self.control: control}
+        data = dict(kind=self.kind, **first, **keys)  # no key twice
+        data = {key: value for key, value in data.items() if value is not None}
+        self.test = test = self.table.from_data(data, "test", bare=True)
+        test.check(network.preform, network.fabric)
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
         self.values = np.array(test.values_si)
         if not self.values.any():
             raise InputError(
                 f"test.{test.control} has no value other than zero, so nothing would happen"
             )
-        self.network, self.options = network, options or {}
-        self.out_of_plane = out_of_plane
+        self.network, self.options, self.out_of_plane = network, options or {}, out_of_plane
+        self.size, self.middle = network.preform.size, network.preform.middle
         if out_of_plane is not None and not test.finite:
             raise InputError("small displacements are in the plane: out_of_plane needs finite")
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():
             if key not in test.controls:
                 setattr(self, key, getattr(test, key))
-        check_memory(
-            network.comm,
-            (BYTES_BENDING if test.bending else BYTES_HINGED) * network.num_crossovers_global,
-            f"the network has {network.num_crossovers_global} crossovers",
-            "choose a coarser pitch (refine, yarns_per_cruciform), a smaller outline or more "
-            "machines",
-        )
+        count, each = network.num_crossovers_global, BYTES[test.bending]
+        cure = "choose a coarser pitch (refine, yarns_per_cruciform), a smaller outline or more"
+        what = f"the network has {count} crossovers"
+        check_memory(network.comm, each * count, what, f"{cure} machines")
 
     # -- what a kind of test says ---------------------------------------------------------------
 
@@ -165,25 +159,21 @@ class Experiment:
         return {}
 
     def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves | None:
-        """What is drawn of the curve's columns in place of the load against the control."""
+        """What is drawn of the curve's columns, if not the load against the control."""
         return None
 
     def reference_control(self) -> float:
         """A control of a sensible size: for small displacements, and for first guesses."""
         if not self.by_load:
             return float(self.values[np.abs(self.values).argmax()])
-        low, high = self.network.preform.outline.bounds[1::2]
-        return 0.01 * (high - low)
+        return 0.01 * float(self.size[1])
 
     def default_step(self) -> float | None:
         """Largest step of the control at finite deformation; None: from value to value."""
         return None
 
     def net_gauge(self) -> float | None:
-        """Gauge length, m, of a strip that an inextensible net would shear like a bias test.
-
-        See net_kinematics.net_angle; None where the test is no such thing.
-        """
+        """Gauge length, m, for net_kinematics.net_angle; None where that does not hold."""
         return None
 
     # -- common parts -----------------------------------------------------------------------------
@@ -198,12 +188,8 @@ class Experiment:
         comm, owned = self.network.comm, self.network.num_nodes_owned
         counts = comm.allreduce(np.array([(grip.nodes < owned).sum() for grip in grips]))
         hanging = comm.allreduce(find_supports(constraints).num_hanging)
-        told = [
-            ", ".join(
-                f"{count} yarn ends on the {grip.edge} edge"
-                for count, grip in zip(counts, grips, strict=True)
-            )
-        ]
+        ends = zip(counts, grips, strict=True)
+        told = [", ".join(f"{count} yarn ends on the {grip.edge} edge" for count, grip in ends)]
         if hanging:
             told.append(f"{hanging} crossovers hang on by one arm end and will carry no load")
         return told
@@ -220,32 +206,30 @@ class Experiment:
         accepted : callable, optional
             Finite deformation: called with each accepted Increment.
         keeper : Keeper, optional
-            Finite deformation: a checkpoint that is kept up to date at every increment; if it was
-            opened from files, the test goes on from there.
+            Finite deformation: a checkpoint, kept up to date at every increment; from one opened
+            from files the test goes on.
 
         Raises
         ------
         SolverError
-            On every rank if a solver fails. At finite deformation it is an EquilibriumError whose
-            attribute ``result`` holds what was reached (or None).
+            On every rank. At finite deformation an EquilibriumError, whose ``result`` holds what
+            was reached (or None).
         """
         return solve_finite(self, accepted, keeper) if self.finite else self._solve_small()
 
     def motions(self, grips: list[Grip], control: float) -> list:
         """Motions of the gripped edges: (network nodes, gradient, shift), see Ply.prescribed."""
-        return [(grip.nodes, *self.motion(grip.edge, control)) for grip in grips]
+        return [(nodes, *self.motion(edge, control)) for edge, nodes in grips]
 
     def velocity(self, grips: list[Grip], control: float) -> np.ndarray:
         """Change of the gripped nodes' places per change of the control, (n network nodes, 2)."""
         step = 1e-6 * max(abs(control), abs(self.reference_control()))
         place = self.network.node_position
         velocity = np.zeros_like(place)
-        ahead, behind = (self.motions(grips, control + sign * step) for sign in (1, -1))
-        for (nodes, gradient, shift), (_, old_gradient, old_shift) in zip(
-            ahead, behind, strict=True
-        ):
-            gradient, shift = gradient - old_gradient, shift - old_shift
-            velocity[nodes] = (place[nodes] @ gradient.T + shift) / (2.0 * step)
+        for edge, nodes in grips:
+            ahead, behind = (self.motion(edge, control + sign * step) for sign in (1, -1))
+            gradient, shift = ((a - b) / (2.0 * step) for a, b in zip(ahead, behind, strict=True))
+            velocity[nodes] = place[nodes] @ gradient.T + shift
         return velocity
 
     # -- small displacements ----------------------------------------------------------------------
@@ -267,12 +251,12 @@ class Experiment:
         right[~linear.free] = 0.0
         rhs = linear.vector(right)
         owned = slice(0, network.num_nodes_owned)
-        solver = LinearSolver(
-            matrix,
-            lambda: _columns(linear.soft_motions()[owned]),
-            extra=self.options,
-            multigrid=linear.multigrid,
-        )
+
+        def soft_columns() -> np.ndarray:
+            motions = linear.soft_motions()[owned]
+            return motions.reshape(-1, motions.shape[2])
+
+        solver = LinearSolver(matrix, soft_columns, extra=self.options, multigrid=linear.multigrid)
         x, info = solver.solve(rhs)
         local = linear.local(x)
         fields = linear.crossover_fields(local)
@@ -302,29 +286,23 @@ class Experiment:
         """Force (x, y) that holds each gripped edge. Collective."""
         owned, comm = self.network.num_nodes_owned, self.network.comm
         return {
-            grip.edge: comm.allreduce(force[grip.nodes[grip.nodes < owned]].sum(axis=0))
-            for grip in grips
+            edge: comm.allreduce(force[nodes[nodes < owned]].sum(axis=0)) for edge, nodes in grips
         }
 
     def explain(self, error: EquilibriumError, done: list[Increment]) -> None:
         """Say in the error at which load, why and where."""
         reached = "at rest"
         if done:
-            name, size = self.column[0].rpartition("_")[0], self.unit
-            reached = (
-                f"at {name} {format_si(done[-1].control, size)}, load "
-                f"{format_si(done[-1].load, 'N')}"
-            )
-        broken = error.reason in ("FOLDED", "TORN")  # at a place, and whatever the increments
-        where = ""
+            name = self.column.column.rpartition("_")[0]
+            control, load = format_si(done[-1].control, self.unit), format_si(done[-1].load, "N")
+            reached = f"at {name} {control}, load {load}"
+        where = hint = ""
         if error.place is not None:
             x, y = (format_si(float(value), "m") for value in error.place)
             where = f" at x = {x}, y = {y}"
-            if not broken:
-                where = f"; forces are farthest from balance{where}"
-        hint = "" if broken else (
-            ". Smaller increments, yarn bending or a shear law that stiffens may help"
-        )  # fmt: skip
+        if error.reason not in ("FOLDED", "TORN"):  # these are at a place, whatever the increments
+            where = where and f"; forces are farthest from balance{where}"
+            hint = ". Smaller increments, yarn bending or a shear law that stiffens may help"
         error.args = (
             f"{self.kind}: no equilibrium beyond the last one found, {reached} ({error}, "
             f"{error.reason}){where}{hint}",

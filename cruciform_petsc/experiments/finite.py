@@ -41,18 +41,7 @@ class Keeper(Protocol):
 
 
 class FiniteTest:
-    """An experiment's ply, model and stage. Collective.
-
-    Parameters
-    ----------
-    experiment : Experiment
-
-    Attributes
-    ----------
-    ply : Ply
-    model : Model
-    grips : list of Grip
-    """
+    """An experiment's ply, model, grips and stage. Collective, as are its methods."""
 
     def __init__(self, experiment: Any):
         self.experiment, self.network = experiment, experiment.network
@@ -63,25 +52,24 @@ class FiniteTest:
         self._hold = holder(self.ply)
 
     def at(self, control: float, x: np.ndarray | None = None) -> State:
-        """State at a control; at rest (control 0), or with known positions. Collective."""
+        """State at a control; at rest (control 0), or with known positions."""
         hold, factors = self.drive(control)
-        rest = self.ply.nodes.rest
-        return State(rest if x is None else x, hold, control, factors)
+        return State(self.ply.nodes.rest if x is None else x, hold, control, factors)
 
     def drive(self, control: float) -> tuple[Hold, dict[str, float]]:
-        """See Stage.drive. Collective."""
+        """See Stage."""
         hold = self._hold(self.experiment.motions(self.grips, control))
         return hold, {self.ply.loads.name: self.experiment.load_factor(control)}
 
     def rate(self, control: float) -> np.ndarray:
-        """See Stage.rate. Collective."""
-        rate = np.zeros_like(self.ply.nodes.rest)
-        at = self.ply.nodes.of_network_node
-        rate[at, :2] = self.experiment.velocity(self.grips, control)
-        return self.ply.nodes.halo.forward(rate)
+        """See Stage."""
+        nodes = self.ply.nodes
+        rate = np.zeros_like(nodes.rest)
+        rate[nodes.of_network_node, :2] = self.experiment.velocity(self.grips, control)
+        return nodes.halo.forward(rate)
 
     def work(self, found: Found) -> float:
-        """Work of the edges per change of the control. Collective."""
+        """Work of the edges per change of the control."""
         control, nodes = found.state.time, self.ply.nodes
         # Arm ends on edges are of the network's nodes; its own are all there is to sum over.
         at = nodes.of_network_node[: self.network.num_nodes_owned]
@@ -89,7 +77,7 @@ class FiniteTest:
         return self.network.comm.allreduce(work) + self._work_of_turning(found.state)
 
     def _work_of_turning(self, state: State) -> float:
-        """Work per change of the control that clamps do on the directions they hold. Collective."""
+        """Work per change of the control that clamps do on the directions they hold."""
         experiment, control = self.experiment, state.time
         step = 1e-5 * max(abs(control), abs(experiment.reference_control()))
         ahead, behind = (experiment.motions(self.grips, control + sign * step) for sign in (1, -1))
@@ -102,7 +90,7 @@ class FiniteTest:
         return (energy[0] - energy[1]) / (2.0 * step)
 
     def measure(self, found: Found) -> Measured:
-        """See Stage.measure. Collective."""
+        """See Stage."""
         at = self.ply.nodes.of_network_node
         return Measured(
             self.experiment.load_of(self.work(found), found.state.time),
@@ -112,20 +100,19 @@ class FiniteTest:
 
     def stage(self) -> Stage:
         """All values asked for, as a stage."""
-        experiment = self.experiment
-        largest = float(np.abs(experiment.values).max())
-        step = None if experiment.increments is None else largest / experiment.increments
-        control_step = experiment.default_step()
-        if experiment.by_load:
-            control_step = control_step or experiment.reference_control()
-        elif step is not None:
-            control_step = step
+        test = self.experiment
+        largest = float(np.abs(test.values).max())
+        step, control_step = test.increments and largest / test.increments, test.default_step()
+        if test.by_load:
+            control_step = control_step or test.reference_control()
+        else:
+            control_step = step or control_step
         return Stage(
-            experiment.kind,
+            test.kind,
             self.drive,
-            experiment.values.tolist(),
+            test.values.tolist(),
             control_step,
-            experiment.by_load,
+            test.by_load,
             step,
             LOAD_TOLERANCE * largest,
             self.work,
@@ -134,7 +121,7 @@ class FiniteTest:
         )
 
     def result_state(self, step: Step) -> result.State:
-        """What a result keeps of a step; fields are worked out when first asked for."""
+        """What a result keeps of a step."""
         ply, state = self.ply, step.state
         return result.State(
             state.time,
@@ -166,8 +153,8 @@ def solve_finite(
     last: list[result.State] = []  # whether asked for or not
 
     def take(step: Step, path: Path) -> None:
-        loads = test.ply.loads.modes
-        energies = {m: e for m, e in step.increment.energies.items() if m not in loads}
+        loads, energies = test.ply.loads.modes, step.increment.energies
+        energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
         increment = replace(step.increment, energies=energies)
         done.append(increment)
         last[:] = [test.result_state(step)]
@@ -179,11 +166,9 @@ def solve_finite(
             accepted(increment)
 
     def found() -> result.TestResult:
-        unknowns = test.model.dim * test.ply.nodes.num_nodes_global
-        return result.TestResult(
-            experiment, test.ply.supports, test.model.dim, states, increments=done,
-            unknowns=unknowns, solver_types=types,
-        )  # fmt: skip
+        dim, ply = test.model.dim, test.ply
+        made = {"unknowns": dim * ply.nodes.num_nodes_global, "solver_types": types}
+        return result.TestResult(experiment, ply.supports, dim, states, increments=done, **made)
 
     try:
         if keeper is not None:

@@ -25,11 +25,11 @@ def warnings(result: TestResult) -> list[str]:
 
 
 def _small(result: TestResult, largest: float) -> list[str]:
-    fabric, sentences = result.network.fabric, []
-    if np.rad2deg(largest) > SMALL_DEG:
+    fabric, degrees, sentences = result.network.fabric, np.rad2deg(largest), []
+    if degrees > SMALL_DEG:
         sentences.append(
-            f"the shear angle reaches {np.rad2deg(largest):.1f} deg; small displacements hold "
-            f"to some {SMALL_DEG:g} deg (set test.finite = true)"
+            f"the shear angle reaches {degrees:.1f} deg; small displacements hold to some "
+            f"{SMALL_DEG:g} deg (set test.finite = true)"
         )
     laws = {
         "shear law": fabric.shear_law,

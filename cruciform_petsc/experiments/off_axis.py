@@ -39,8 +39,7 @@ class OffAxisTension(BiasExtension):
 
     Parameters
     ----------
-    network : Network
-    extension, load
+    network, extension, load
         As for BiasExtension.
     ends : "grip" or "free"
         Gripped; or free to contract and to slide across the pull, as in a test on a long strip:
@@ -54,7 +53,7 @@ class OffAxisTension(BiasExtension):
     ends: str
 
     def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
-        super().__init__(network, extension, load, **keys)
+        super().__init__(network, extension, load=load, **keys)
         if self.ends == "free":  # no clamp, no zones
             self.has_zones, self.reference, self.clamps = False, "free", ()
 
@@ -64,18 +63,12 @@ class OffAxisTension(BiasExtension):
             return super().grip(constraints)
         grips = [Grip(edge, constraints.guide(edge, PULL, 0.0)) for edge in ("lower", "upper")]
         # One yarn end in the middle of the lower edge keeps the strip from sliding off sideways.
-        network = self.network
-        nodes = grips[0].nodes
+        network, nodes = self.network, grips[0].nodes
         nodes = nodes[nodes < network.num_nodes_owned]
-        low_x, _, high_x, _ = network.preform.outline.bounds
-        off = np.abs(network.node_position[nodes, 0] - 0.5 * (low_x + high_x))
-        best = min(
-            network.comm.allgather(
-                min(zip(np.round(off, 12).tolist(), network.node_key[nodes].tolist(), strict=True),
-                    default=(np.inf, -1))
-            )
-        )  # fmt: skip
-        constraints.pin(best[1], (1,))
+        off = np.abs(network.node_position[nodes, 0] - self.middle[0]).round(12).tolist()
+        nearest = min(zip(off, network.node_key[nodes].tolist(), strict=True), default=(np.inf, -1))
+        _, key = min(network.comm.allgather(nearest))
+        constraints.pin(key, (1,))
         return grips
 
     def net_gauge(self) -> float | None:
@@ -84,19 +77,20 @@ class OffAxisTension(BiasExtension):
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Mean strain and stress over the strip: its curve apart from its size."""
-        low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
+        width, length = self.size
         return {
-            "strain_percent": 100.0 * result.controls / (high_y - low_y),
-            "stress_N_per_cm": result.loads / (high_x - low_x) / 100.0,
+            "strain_percent": 100.0 * result.controls / length,
+            "stress_N_per_cm": result.loads / width / 100.0,
         }
 
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Modulus of the first state, and Kilby's for small displacements and free sides."""
-        curve = self.extra_columns(result)
         moved = np.flatnonzero(result.controls)
         if not len(moved):
             return {}
-        stress, strain = (curve[name][moved[0]] for name in ("stress_N_per_cm", "strain_percent"))
-        modulus = 100.0 * stress / strain
+        strain, stress = (column[moved[0]] for column in self.extra_columns(result).values())
         kilby = self.network.fabric.off_axis_modulus(self.network.preform.bias_angle)
-        return {"modulus_n_per_cm": float(modulus), "kilby_n_per_cm": float(kilby) / 100.0}
+        return {
+            "modulus_n_per_cm": float(100.0 * stress / strain),
+            "kilby_n_per_cm": float(kilby) / 100.0,
+        }

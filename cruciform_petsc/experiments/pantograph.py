@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from ..net.network import Network
 from .bias_extension import BiasExtension
 from .table import Lengths, TestTable
 
@@ -32,18 +31,8 @@ class Pantograph(BiasExtension):
     """Extension of a pantographic sheet: a bias test of yarns that bend, between two clamps.
 
     The sheet is a Fabric whose yarns are its fibres (dell'Isola et al. 2016; in the library:
-    "pantographic-sheet-2016").
-
-    Parameters
-    ----------
-    network : Network
-    extension : str, float or sequence of them
-    **keys
-        See Experiment.
+    "pantographic-sheet-2016"). Arguments as for BiasExtension.
     """
 
     table = PantographTable
     kind = "pantograph"
-
-    def __init__(self, network: Network, extension: Any, **keys: Any):
-        super().__init__(network, extension, **keys)

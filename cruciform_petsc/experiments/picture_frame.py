@@ -10,7 +10,6 @@ import numpy as np
 
 from ..fields import Of, Quantities
 from ..net.edges import Constraints
-from ..net.network import Network
 from ..quantities import declare
 from .experiment import Experiment, Grip
 from .result import TestResult
@@ -58,8 +57,7 @@ class PictureFrame(Experiment):
 
     Parameters
     ----------
-    network : Network
-    angle : str, float or sequence of them
+    network, angle
         Shear angle of the frame, 90 degrees less the angle between its sides; with units or in
         radians. Positive where warp and weft close.
     **keys
@@ -75,23 +73,16 @@ class PictureFrame(Experiment):
     }
     clamps = EDGES
 
-    def __init__(self, network: Network, angle: Any, **keys: Any):
-        super().__init__(network, angle=angle, **keys)
-        self._sides = np.ptp(np.reshape(network.preform.outline.bounds, (2, 2)), axis=0)
-
     def grip(self, constraints: Constraints) -> list[Grip]:
         """Clamp all four sides. Collective."""
         return [Grip(edge, constraints.clamp(edge)) for edge in EDGES]
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
         """All sides follow one shear about the middle of the frame, without stretch along them."""
-        preform = self.network.preform
         c, s = np.cos(0.5 * control), np.sin(0.5 * control)
         along_yarns, to_lab = np.array([[c, s], [s, c]]), self.network.to_lab
         gradient = to_lab(to_lab(along_yarns).T)  # symmetric, as it is along the yarns
-        low_x, low_y, high_x, high_y = preform.outline.bounds
-        middle = 0.5 * np.array([low_x + high_x, low_y + high_y])
-        return gradient, middle - gradient @ middle
+        return gradient, self.middle - gradient @ self.middle
 
     def default_step(self) -> float:
         """Ten degrees."""
@@ -109,15 +100,15 @@ class PictureFrame(Experiment):
         states = [result.states[0].scaled(angle / SMALL) for angle in self.values]
         return replace(result, experiment=self, states=states, increments=[])
 
-    def diagonal(self, control: float) -> float:
-        """Length of the frame's longer diagonal, between the pulled corners, m."""
-        a, b = self._sides
-        return float(np.sqrt(a * a + b * b + 2.0 * a * b * np.sin(abs(control))))
+    def diagonal(self, control: Any) -> Any:
+        """Length of the frame's longer diagonal, between the pulled corners, m; as `control`."""
+        a, b = self.size
+        return np.sqrt(a * a + b * b + 2.0 * a * b * np.sin(np.abs(control)))
 
     def load_of(self, work: float, control: float) -> float:
         """Cross-head force: work per angle over diagonal per angle (2 L cos theta if square)."""
-        a, b = self._sides
-        return work * self.diagonal(control) / (a * b * np.cos(control))
+        a, b = self.size
+        return float(work * self.diagonal(control) / (a * b * np.cos(control)))
 
     def extensions(self, result: TestResult) -> np.ndarray:
         """Of the cross-head."""
@@ -125,13 +116,11 @@ class PictureFrame(Experiment):
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Cross-head displacement, and the shear force per length of the usual evaluation."""
-        rest = self.diagonal(0.0)
+        rest = diagonal = self.diagonal(0.0)
+        moved = result.controls * np.prod(self.size) / rest
         if self.finite:
-            d = np.array([self.diagonal(control) for control in result.controls])
-        else:
-            d = np.full(len(result.controls), rest)
-        a, b = self._sides
-        # F/(2 L cos theta) of a square frame of side L, d = 2 L cos(theta).
-        force = result.loads / d
-        moved = d - rest if self.finite else result.controls * a * b / rest
+            diagonal = self.diagonal(result.controls)
+            moved = diagonal - rest
+        # F/(2 L cos theta) of a square frame of side L, whose diagonal is 2 L cos(theta).
+        force = result.loads / diagonal
         return {"crosshead_mm": 1e3 * moved, "shear_force_N_per_mm": 1e-3 * force}

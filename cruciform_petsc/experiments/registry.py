@@ -28,13 +28,7 @@ DEFAULT = "bias-extension"
 
 
 def kind_class(kind: str) -> type[Experiment]:
-    """The class of a kind of test.
-
-    Raises
-    ------
-    InputError
-        There is no such kind.
-    """
+    """The class of a kind of test; an InputError if there is none."""
     if kind not in KINDS:
         raise unknown(f'kind of test "{kind}"', kind, KINDS)
     entry = KINDS[kind]

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import shapely
 
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most
@@ -41,8 +41,7 @@ class State:
 
     def __init__(self, control, load, fields, node_displacement, forces=None):
         self.control, self.load = float(control), float(load)
-        self._fields: Fields | Callable[[], Fields] = fields
-        self._node_displacement = node_displacement
+        self._fields, self._node_displacement = fields, node_displacement
         self.forces: dict[str, np.ndarray] = forces or {}
 
     @cached_property
@@ -58,26 +57,24 @@ class State:
 
     def scaled(self, factor: float) -> State:
         """The state of small displacements that are ``factor`` times as large."""
+
+        def size(name: str, values: np.ndarray) -> float | bool:
+            if values.dtype == bool:
+                return True
+            return factor**2 if name.endswith("energy") else factor
+
         fields, moved = self.fields, self.node_displacement
         return State(
             self.control * factor,
             self.load * factor,
-            lambda: {
-                name: value if value.dtype == bool
-                else value * (factor**2 if name.endswith("energy") else factor)
-                for name, value in fields.items()
-            },
+            lambda: {name: values * size(name, values) for name, values in fields.items()},
             lambda: moved * factor,
             {edge: force * factor for edge, force in self.forces.items()},
-        )  # fmt: skip
+        )
 
 
-@dataclass
-class CentreLine:
-    """Shear angle at the crossovers next to the specimen's long axis, on every rank.
-
-    distance : float (n,) from the lower edge in m, ascending; shear_angle : float (n,) in radians.
-    """
+class CentreLine(NamedTuple):
+    """Shear angle (n,) in radians at ascending distances (n,) in m from the lower edge."""
 
     distance: np.ndarray
     shear_angle: np.ndarray
@@ -85,23 +82,17 @@ class CentreLine:
 
 @dataclass
 class TestResult:
-    """What a test gives. Plain attributes are for the last value asked for.
+    """What a test gives; one value is that of the last state.
 
     Attributes
     ----------
-    experiment : Experiment
-    supports : Supports
-    unknowns_per_node : int
     states : list of State
         One for each value asked for (fewer if the test ended early).
     solver : SolverInfo or None
         Of small displacements.
-    increments : list of Increment
-        Of finite deformation: all that were accepted.
-    unknowns : int
-        Of finite deformation.
-    solver_types : dict
-        Of finite deformation: PETSc's types by "snes", "ksp" and "pc"; see Equilibrium.types.
+    increments, unknowns, solver_types
+        Of finite deformation: the accepted increments, the number of unknowns, and PETSc's types
+        by "snes", "ksp" and "pc".
     uncarried : dict or None
         For the paper's separate systems: share of the load that each mode cannot carry.
     """
@@ -119,12 +110,9 @@ class TestResult:
     uncarried: dict[str, float] | None = None
 
     def __repr__(self) -> str:
-        column = self.experiment.column
-        return (
-            f"TestResult({self.experiment.kind}, {column.column} "
-            f"{self.states[-1].control / column.scale:.4g}, "
-            f"{self.load:.4g} N, {self.network!r})"
-        )
+        test, column = self.experiment, self.experiment.column
+        control = f"{column.column} {self.extension / column.scale:.4g}"
+        return f"TestResult({test.kind}, {control}, {self.load:.4g} N, {self.network!r})"
 
     @property
     def network(self) -> Network:
@@ -133,7 +121,7 @@ class TestResult:
 
     @property
     def controls(self) -> np.ndarray:
-        """Extension (m), angle (rad), strain or load (N) of each state, float (n,)."""
+        """Extension (m), angle (rad), strain or load (N) of each state; float (n,)."""
         return np.array([state.control for state in self.states])
 
     @property
@@ -148,7 +136,7 @@ class TestResult:
 
     @property
     def extension(self) -> float:
-        """Last extension, m."""
+        """Last extension, m, or other control."""
         return self.states[-1].control
 
     @property
@@ -158,27 +146,25 @@ class TestResult:
 
     @property
     def fields(self) -> Fields:
-        """Fields at this rank's crossovers, last state. Collective when first asked for."""
+        """See State."""
         return self.states[-1].fields
 
     @property
     def node_displacement(self) -> np.ndarray:
-        """Displacement of the network's nodes, last state, m. Collective when first asked for."""
+        """See State."""
         return self.states[-1].node_displacement
 
     def energies(self) -> dict[str, np.ndarray]:
         """Strain energy of each mode for each state, J. Collective."""
-        comm = self.network.comm
-        table = np.array(
-            [[state.fields[f"{mode}_energy"].sum() for mode in MODES] for state in self.states]
-        )
-        return dict(zip(MODES, comm.allreduce(table).T, strict=True))
+        fields = [state.fields for state in self.states]
+        own = np.array([[at[f"{mode}_energy"].sum() for at in fields] for mode in MODES])
+        return dict(zip(MODES, self.network.comm.allreduce(own), strict=True))
 
     # -- shear angles -----------------------------------------------------------------------------
 
     @property
     def shear_angle_max(self) -> float:
-        """Largest shear angle of a crossover, radians, last state. Collective."""
+        """Largest shear angle of a crossover, radians. Collective."""
         return float(self.shear_angles_max[-1])
 
     @property
@@ -192,7 +178,7 @@ class TestResult:
 
     @property
     def shear_angle_centre(self) -> float:
-        """Shear angle in the middle of the specimen, radians, last state. Collective.
+        """Shear angle in the middle of the specimen, radians. Collective.
 
         The mean of the crossovers nearest to the middle (of the upper edge for a half specimen).
         """
@@ -201,9 +187,9 @@ class TestResult:
     @property
     def shear_angles_centre(self) -> np.ndarray:
         """The same for each state. Collective."""
-        low_x, low_y, high_x, high_y = self.network.preform.outline.bounds
-        half = self.experiment.upper == "centre-line"
-        middle = np.array([0.5 * (low_x + high_x), high_y if half else 0.5 * (low_y + high_y)])
+        middle = self.network.preform.middle
+        if self.experiment.upper == "centre-line":
+            middle[1] += 0.5 * self.network.preform.size[1]
         distance = np.hypot(*(self.network.crossover_position - middle).T)
         distance = np.where(self.supports.carrying, distance, np.inf)
         comm = self.network.comm
@@ -220,24 +206,16 @@ class TestResult:
         sides), 2: both do (the clamps' triangles); -1 for crossovers that carry nothing. In a bias
         test with H >= 2 W these are the zones of the usual kinematics.
         """
-        network = self.network
-        edges = [edge for edge in self.experiment.clamps if edge in network.preform.edges]
-        clamped = [network.preform.edge(edge) for edge in edges]
+        network, edges = self.network, self.network.preform.edges
+        clamped = [part for name in self.experiment.clamps for part in edges.get(name, ())]
+        clamps, touch = shapely.MultiLineString(clamped), SHORTEST_ARM * network.pitch.max()
         held = np.zeros(network.num_crossovers_owned, np.int8)
         for family, yarns in enumerate((network.warp_yarns, network.weft_yarns)):
             ends = np.zeros((len(yarns.line), 2, 2))
             ends[..., 1 - family] = yarns.line[:, None]
             ends[:, 0, family], ends[:, 1, family] = yarns.start, yarns.end
             ends = network.to_lab(ends * network.pitch) + network.preform.lattice_origin
-            is_held = np.zeros(len(ends), bool)
-            for segments in clamped:
-                for begin, end in segments:
-                    along = (end - begin) / np.hypot(*(end - begin))
-                    gap = ends - begin
-                    inside = np.clip(gap @ along, 0.0, np.hypot(*(end - begin)))
-                    off = gap - inside[..., None] * along
-                    near = np.hypot(off[..., 0], off[..., 1])
-                    is_held |= (near <= SHORTEST_ARM * network.pitch.max()).any(axis=1)
+            is_held = (shapely.distance(shapely.points(ends), clamps) <= touch).any(axis=1)
             ij = network.crossover_ij
             part = yarns.find(ij[:, 1 - family], ij[:, family])
             held += is_held[part] & (part >= 0)
@@ -248,13 +226,11 @@ class TestResult:
 
         Collective. By zone: ``middle``, ``side``, ``clamp``, see `zones`.
         """
-        comm, zones = self.network.comm, self.zones
-        angles = {name: np.full(len(self.states), np.nan) for name in ZONES}
-        for number, name in enumerate(ZONES):
-            at = zones == number
-            for i, state in enumerate(self.states):
-                angles[name][i] = _median(comm, state.fields["shear_angle"][at])
-        return angles
+        comm, angles = self.network.comm, [state.fields["shear_angle"] for state in self.states]
+        return {
+            name: np.array([_median(comm, angle[self.zones == number]) for angle in angles])
+            for number, name in enumerate(ZONES)
+        }
 
     # -- curves -----------------------------------------------------------------------------------
 
@@ -283,10 +259,10 @@ class TestResult:
         """
         network = self.network
         angle = self.fields["shear_angle"] if angle is None else angle
-        low_x, low_y, high_x, _ = network.preform.outline.bounds
-        near = np.abs(network.crossover_position[:, 0] - 0.5 * (low_x + high_x))
-        near = (near < 0.51 * network.pitch.max()) & self.fields["carrying"]
-        rows = np.column_stack([network.crossover_position[near, 1] - low_y, angle[near]])
+        x, y = network.crossover_position.T
+        near = np.abs(x - network.preform.middle[0]) < 0.51 * network.pitch.max()
+        near &= self.fields["carrying"]
+        rows = np.column_stack([y[near] - network.preform.outline.bounds[1], angle[near]])
         rows = np.concatenate(network.comm.allgather(rows))
         height = np.round(rows[:, 0] / (0.01 * network.pitch.min())).astype(np.int64)
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)

@@ -21,21 +21,15 @@ class TestTable(Table):
 
     Every kind prescribes one value or a list of them, of one of its `controls`. Further keys are
     arguments of the kind's class, by the same names.
-
-    Attributes
-    ----------
-    controls : dict
-        SI unit of each.
-    along_the_yarns : bool
-        Whether it needs a rectangle whose sides the yarns follow.
-    template : dict
-        What ``cruciform-petsc new`` writes: the kind's own keys as ``test``, with comments, and
-        values, as TOML, of keys of case/template.toml in place of those there.
     """
 
     __test__: ClassVar[bool] = False  # not a test for pytest
+    # SI unit of each.
     controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}
+    # Whether it needs a rectangle whose sides the yarns follow.
     along_the_yarns: ClassVar[bool] = False
+    # What `cruciform-petsc new` writes: the kind's own keys as `test`, with comments, and values,
+    # as TOML, of keys of case/template.toml in place of those there.
     template: ClassVar[dict[str, str]] = {}
 
     kind: str
