@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numba
 import numpy as np
@@ -67,7 +68,7 @@ class Model:
         for item, slots in zip(self.items, pattern.slots, strict=True):
             self._block_row[slots] = item.nodes[:, :, None]
             self._block_column[slots] = item.nodes[:, None, :]
-        self._free: tuple[np.ndarray | None, np.ndarray] = (None, np.zeros(0, bool))
+        self._free: tuple[Any, Any, np.ndarray] = (None, None, np.zeros(0, bool))
 
     def __repr__(self) -> str:
         names = ", ".join(item.name for item in self.items)
@@ -162,11 +163,12 @@ class Model:
 
     def free(self, hold: Hold) -> np.ndarray:
         """Unknowns: neither prescribed nor of a node that carries nothing; bool (n_local, dim)."""
-        if self._free[0] is not hold.fixed:
+        nodes, fixed, _ = self._free
+        if nodes is not hold.nodes or fixed is not hold.fixed:
             free = np.tile(self.active[:, None], self.dim)
             free[hold.nodes] &= ~hold.fixed
-            self._free = (hold.fixed, free)
-        return self._free[1]
+            self._free = (hold.nodes, hold.fixed, free)
+        return self._free[2]
 
     def to_axes(self, vectors: np.ndarray) -> np.ndarray:
         """Lab frame -> the nodes' axes; float (n, dim) of the first n local nodes."""

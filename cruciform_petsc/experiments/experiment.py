@@ -320,7 +320,7 @@ class Experiment:
         broken = error.reason in ("FOLDED", "TORN")  # at a place, and whatever the increments
         where = ""
         if error.place is not None:
-            x, y = (format_si(float(value), "m") for value in error.place)
+            x, y = (format_si(float(value), "m") for value in error.place[:2])
             where = f" at x = {x}, y = {y}"
             if not broken:
                 where = f"; forces are farthest from balance{where}"
