@@ -50,6 +50,8 @@ class Model:
     ):
         self.nodes, self.items, self.comm = nodes, list(items), nodes.comm
         self.dim = nodes.rest.shape[1]
+        if len({item.name for item in items}) < len(items):
+            raise ValueError("each item needs a name of its own: loads and memory go by it")
         self.active = np.ones(nodes.num_nodes_local, bool) if active is None else active
         self.stiffness_scale, self.multigrid = stiffness_scale, multigrid
         low, high = nodes.rest.min(axis=0, initial=np.inf), nodes.rest.max(axis=0, initial=-np.inf)
@@ -78,29 +80,32 @@ class Model:
 
     def energies(self, state: State) -> dict[str, float]:
         """Energies of all items by the names of their modes, J. Collective."""
-        total = {item.name: np.zeros(len(item.modes)) for item in self.items}
-        for item in self.items:
-            for rows in item.chunks():
-                total[item.name] += item.work(state, ENERGY, rows)[0].sum(axis=0)
+        total = [
+            sum(item.work(state, ENERGY, rows)[0].sum(axis=0) for rows in item.chunks())
+            for item in self.items
+        ]
         return self._by_mode(total)
 
-    def _by_mode(self, totals: Mapping[str, np.ndarray]) -> dict[str, float]:
-        own = np.concatenate([totals[item.name] for item in self.items])
+    def _by_mode(self, totals: Sequence[Any]) -> dict[str, float]:
+        """Energies (modes,) of this rank's part of each item -> those of all; items may share."""
         names = [mode for item in self.items for mode in item.modes]
-        return dict(zip(names, self.comm.allreduce(own).tolist(), strict=True))
+        energies = dict.fromkeys(names, 0.0)
+        for name, energy in zip(names, self.comm.allreduce(np.concatenate(totals)), strict=True):
+            energies[name] += float(energy)
+        return energies
 
     def force(self, state: State) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
         """Gradient of the energy, the loads' part of it, (n_local, dim), and the energies by name.
 
         Lab frame, N. Collective; complete on owned nodes, ghosts filled.
         """
-        total = {}
+        total = []
         force, loads = np.zeros_like(state.x), np.zeros_like(state.x)
         for item in self.items:
-            total[item.name] = np.zeros(len(item.modes))
+            total.append(np.zeros(len(item.modes)))
             for rows in item.chunks():
                 energy, forces, _ = item.work(state, FORCE, rows)
-                total[item.name] += energy.sum(axis=0)
+                total[-1] += energy.sum(axis=0)
                 _add_forces(loads if item.is_load else force, item.nodes[rows], forces)
         force, loads = self.nodes.halo.share(np.stack([force, loads], axis=1)).swapaxes(0, 1)
         return force + loads, loads, self._by_mode(total)
