@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numba
 import numpy as np
@@ -49,6 +50,8 @@ class Model:
     ):
         self.nodes, self.items, self.comm = nodes, list(items), nodes.comm
         self.dim = nodes.rest.shape[1]
+        if len({item.name for item in items}) < len(items):
+            raise ValueError("each item needs a name of its own: loads and memory go by it")
         self.active = np.ones(nodes.num_nodes_local, bool) if active is None else active
         self.stiffness_scale, self.multigrid = stiffness_scale, multigrid
         low, high = nodes.rest.min(axis=0, initial=np.inf), nodes.rest.max(axis=0, initial=-np.inf)
@@ -67,7 +70,7 @@ class Model:
         for item, slots in zip(self.items, pattern.slots, strict=True):
             self._block_row[slots] = item.nodes[:, :, None]
             self._block_column[slots] = item.nodes[:, None, :]
-        self._free: tuple[np.ndarray | None, np.ndarray] = (None, np.zeros(0, bool))
+        self._free: tuple[Any, Any, np.ndarray] = (None, None, np.zeros(0, bool))
 
     def __repr__(self) -> str:
         names = ", ".join(item.name for item in self.items)
@@ -77,29 +80,32 @@ class Model:
 
     def energies(self, state: State) -> dict[str, float]:
         """Energies of all items by the names of their modes, J. Collective."""
-        total = {item.name: np.zeros(len(item.modes)) for item in self.items}
-        for item in self.items:
-            for rows in item.chunks():
-                total[item.name] += item.work(state, ENERGY, rows)[0].sum(axis=0)
+        total = [
+            sum(item.work(state, ENERGY, rows)[0].sum(axis=0) for rows in item.chunks())
+            for item in self.items
+        ]
         return self._by_mode(total)
 
-    def _by_mode(self, totals: Mapping[str, np.ndarray]) -> dict[str, float]:
-        own = np.concatenate([totals[item.name] for item in self.items])
+    def _by_mode(self, totals: Sequence[Any]) -> dict[str, float]:
+        """Energies (modes,) of this rank's part of each item -> those of all; items may share."""
         names = [mode for item in self.items for mode in item.modes]
-        return dict(zip(names, self.comm.allreduce(own).tolist(), strict=True))
+        energies = dict.fromkeys(names, 0.0)
+        for name, energy in zip(names, self.comm.allreduce(np.concatenate(totals)), strict=True):
+            energies[name] += float(energy)
+        return energies
 
     def force(self, state: State) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
         """Gradient of the energy, the loads' part of it, (n_local, dim), and the energies by name.
 
         Lab frame, N. Collective; complete on owned nodes, ghosts filled.
         """
-        total = {}
+        total = []
         force, loads = np.zeros_like(state.x), np.zeros_like(state.x)
         for item in self.items:
-            total[item.name] = np.zeros(len(item.modes))
+            total.append(np.zeros(len(item.modes)))
             for rows in item.chunks():
                 energy, forces, _ = item.work(state, FORCE, rows)
-                total[item.name] += energy.sum(axis=0)
+                total[-1] += energy.sum(axis=0)
                 _add_forces(loads if item.is_load else force, item.nodes[rows], forces)
         force, loads = self.nodes.halo.share(np.stack([force, loads], axis=1)).swapaxes(0, 1)
         return force + loads, loads, self._by_mode(total)
@@ -162,11 +168,12 @@ class Model:
 
     def free(self, hold: Hold) -> np.ndarray:
         """Unknowns: neither prescribed nor of a node that carries nothing; bool (n_local, dim)."""
-        if self._free[0] is not hold.fixed:
+        nodes, fixed, _ = self._free
+        if nodes is not hold.nodes or fixed is not hold.fixed:
             free = np.tile(self.active[:, None], self.dim)
             free[hold.nodes] &= ~hold.fixed
-            self._free = (hold.fixed, free)
-        return self._free[1]
+            self._free = (hold.nodes, hold.fixed, free)
+        return self._free[2]
 
     def to_axes(self, vectors: np.ndarray) -> np.ndarray:
         """Lab frame -> the nodes' axes; float (n, dim) of the first n local nodes."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ..errors import EquilibriumError, SolverError
+from ..errors import EquilibriumError, InputError, SolverError
 from ..solvers.callbacks import callback, calling_back
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
@@ -84,11 +84,16 @@ class Equilibrium:
         self.snes.setFunction(self._function, self._residual)
         self.snes.setJacobian(self._jacobian, self._matrix)
         self.snes.setLineSearchPreCheck(self._before_step)
-        self.snes.setConvergenceTest(self._converged)
         self.snes.setMaxLinearSolveFailures(10**6)  # _before_step looks at each step
         self.snes.setTolerances(max_it=MAX_ITERATIONS)
         with self._options():
             set_from_options(self.snes, prefix, self._settings)
+        self.snes.setConvergenceTest(self._converged)
+        kind = self.snes.getType()
+        if kind != PETSc.SNES.Type.NEWTONLS:
+            raise InputError(
+                f"-{prefix}snes_type is '{kind}', which cannot find equilibrium: 'newtonls' can"
+            )
         prepare(self.snes.ksp, self._matrix, model, self._multigrid)
 
     def types(self) -> dict[str, str]:
@@ -327,6 +332,6 @@ class Equilibrium:
         nodes = self.model.nodes
         size = np.linalg.norm(self._last.gradient.reshape(-1, self.model.dim), axis=1)
         size = np.nan_to_num(size, nan=np.inf)
-        at = int(size.argmax()) if len(size) else 0
-        here = (float(size[at]) if len(size) else -1.0, nodes.rest[at].tolist())
+        at = int(size.argmax()) if len(size) else -1
+        here = (float(size[at]), nodes.rest[at].tolist()) if len(size) else (-1.0, [])
         return np.array(max(self.model.comm.allgather(here))[1])

@@ -298,7 +298,7 @@ class Experiment:
             reached = f"at {name} {control}, load {load}"
         where = hint = ""
         if error.place is not None:
-            x, y = (format_si(float(value), "m") for value in error.place)
+            x, y = (format_si(float(value), "m") for value in error.place[:2])
             where = f" at x = {x}, y = {y}"
         if error.reason not in ("FOLDED", "TORN"):  # these are at a place, whatever the increments
             where = where and f"; forces are farthest from balance{where}"

@@ -67,11 +67,11 @@ def _signals_wait() -> Iterator[None]:
         return
     try:
         _waiting = True
-        for number in signal.valid_signals():
-            handler = signal.getsignal(number)
+        for each in signal.valid_signals():
+            handler = signal.getsignal(each)
             if callable(handler) and handler is not _wait:
-                _handlers[number] = handler
-                signal.signal(number, _wait)
+                _handlers[each] = handler
+                signal.signal(each, _wait)
         yield
     finally:
         _waiting = False

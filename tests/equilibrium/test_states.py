@@ -18,6 +18,7 @@ from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.picture_frame import PictureFrame
+from cruciform_petsc.laws import odd_polynomial
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 
@@ -239,6 +240,57 @@ def test_yarns_may_not_lie_on_each_other_in_space():
 def test_space_needs_finite_deformation():
     with pytest.raises(InputError, match="out_of_plane needs finite"):
         BiasExtension(network(diagonals(4, 6)), "1 mm", out_of_plane=(1e-3, 1e-3))
+
+
+def test_what_cannot_be_solved_in_space():
+    """Said with the place in x and y, as in the plane."""
+    fabric = TABLE_1.with_shear_law(odd_polynomial([96.0, -100.0]))
+    said = []
+    for rigidity in (None, (1e-3, 4e-4)):
+        test = BiasExtension(
+            network(diagonals(3, 6), fabric), ["2 mm", "10 mm"], finite=True, bending=False,
+            out_of_plane=rigidity,
+        )  # fmt: skip
+        with pytest.raises(EquilibriumError, match=" at x = .* mm, y = .* mm") as caught:
+            test.solve()
+        said.append(str(caught.value).split("(")[0])
+        assert len(caught.value.result.states) == 2
+    assert said[0] == said[1]
+
+
+@pytest.mark.parametrize("name", ["ksponly", "qn", "newtontr", "ngmres"])
+def test_snes_of_other_types_is_refused(name):
+    """They do without what keeps Newton's steps downhill, or without the matrix."""
+    cloth = clamped()
+    with pytest.raises(InputError, match=f"snes_type is '{name}'.* 'newtonls'"):
+        Equilibrium(cloth.model, cloth.state(), {"snes_type": name})
+
+
+def test_what_is_converged_is_no_option_of_petsc():
+    cloth = clamped()
+    found = []
+    for options in ({}, {"snes_convergence_test": "skip", "snes_max_it": 20}):
+        equilibrium = Equilibrium(cloth.model, cloth.state(), options)
+        step = follow(equilibrium, cloth.stage(pull, [0.004]), cloth.state())[0]
+        equilibrium.destroy()
+        found.append(step.increment.history)
+    assert found[0] == found[1]
+
+
+def test_free_unknowns_belong_to_the_hold():
+    """Of two holds with one table of components, on other nodes."""
+    cloth = clamped()
+    hold, active = cloth.state().hold, cloth.model.active
+    half = len(hold.nodes) // 2
+    fixed = hold.fixed[:half]
+    one, two = (
+        replace(hold, nodes=hold.nodes[rows], fixed=fixed)
+        for rows in (slice(0, half), slice(half, 2 * half))
+    )
+    for each in (one, two, one):
+        wanted = np.tile(active[:, None], 2)
+        wanted[each.nodes] &= ~fixed
+        np.testing.assert_array_equal(cloth.model.free(each), wanted)
 
 
 def test_a_stage_that_fails_says_where():

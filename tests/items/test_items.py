@@ -24,9 +24,10 @@ BENDING = pytest.mark.parametrize("bending", [False, True], ids=["hinged", "bend
 class Spring(Item):
     """A spring of stiffness k from a node to a point in space, at rest when they meet."""
 
-    name, modes = "spring", ("spring",)
+    modes = ("spring",)
 
-    def __init__(self, node, point, k):
+    def __init__(self, node, point, k, name="spring"):
+        self.name = name
         self.nodes, self.point, self.k = np.array([[node]], np.int32), np.array(point), k
 
     def work(self, state, level, rows=slice(None), before=None):
@@ -65,6 +66,28 @@ def test_a_spring_is_an_item_like_any_other(out_of_plane):
     assert found.history[-2] < 1e-2 * found.history[-3]
     if out_of_plane:
         assert x[node, 2] > 1e-3
+
+
+def test_items_of_one_kind():
+    """Two springs are two items whose energies add up; as one twice as stiff."""
+    cloth = clamped()
+    ply, node = cloth.ply, int(cloth.rest[:, 1].argmax())
+    point = cloth.rest[node] + 1e-3
+    found = []
+    for springs in (
+        [Spring(node, point, 60.0)],
+        [Spring(node, point, 20.0), Spring(node, point, 40.0, "other")],
+    ):
+        model = Model(cloth.nodes, [*ply.items, *springs], ply.active, 1e4)
+        equilibrium = Equilibrium(model, cloth.state())
+        found.append(equilibrium.solve(cloth.state()))
+        equilibrium.destroy()
+        assert model.energies(found[-1].state) == pytest.approx(found[-1].energies, rel=1e-12)
+    one, two = found
+    assert two.energies == pytest.approx(one.energies, rel=1e-9)
+    assert two.history == pytest.approx(one.history, rel=1e-3)
+    with pytest.raises(ValueError, match="a name of its own"):
+        Model(cloth.nodes, [*ply.items, *springs, *springs], ply.active, 1e4)
 
 
 def wavy(bending, flat=False):

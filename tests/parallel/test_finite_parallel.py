@@ -335,6 +335,17 @@ def test_what_cannot_be_solved(monkeypatch):
     np.testing.assert_allclose(error.result.loads, alone.result.loads, rtol=1e-8)
 
 
+def test_no_equilibrium_where_a_rank_owns_nothing(monkeypatch):
+    """The place of the largest force is the one rank's that has any; told by all."""
+    monkeypatch.setattr(newton, "RELATIVE_RESIDUAL", -1.0)
+    side = 1.4 * PITCH
+    network = Network(COMM, Preform.rectangle(side, side, np.pi / 4), TABLE_1)
+    assert COMM.allreduce(int(network.num_nodes_local == 0)) == COMM.size - 1
+    with pytest.raises(EquilibriumError, match="farthest from balance at x = ") as caught:
+        BiasExtension(network, "3 mm", finite=True, bending=True).solve()
+    assert len(set(COMM.allgather(str(caught.value)))) == 1
+
+
 def test_edge_without_yarns():
     """Found by one rank only, told by all."""
     points = [(0, 0), (4, 0), (4, 4), (3.6, 4), (3.6, 4.5), (3.5, 4.5), (3.5, 4), (0, 4)]
