@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class LoadCurve:
         self.specimen, self._options = specimen, options
         self.newton_steps = 0
         network, controls = specimen.network, specimen.curve.displacement
-        settings = {"finite": True, "bending": specimen.bending}
+        settings: dict[str, Any] = {"finite": True, "bending": specimen.bending}
         self._experiment: Experiment
         if specimen.is_frame:
             controls = frame_angle(controls, specimen.sides)

@@ -220,7 +220,8 @@ class Case(Table):
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        return super().model_dump(**({"by_alias": True, "mode": "json"} | options))
+        plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
+        return super().model_dump(**(plain | options))
 
     def check_together(self) -> None:
         """Check what no single table can know."""
