@@ -96,9 +96,9 @@ class LoadCurve:
         return Loads(law, loads, angles, [step.state for step in steps])
 
     def _take(self, law: Potential) -> None:
-        """Let the network have a law; states know nothing of it."""
-        cruciforms = self._test.ply.cruciforms
-        cruciforms.cloth = replace(cruciforms.cloth, shear=law.packed)
+        """Go on with the specimen of cloth with a law; tests of others stay what they are."""
+        self._test = self._test.with_shear_law(law)
+        self._equilibrium.model = self._test.model
 
     def solve_otherwise(self, what: str, start: Loads) -> np.ndarray | None:
         """Loads with another value of something assumed and the law of ``start``, N; (n,).

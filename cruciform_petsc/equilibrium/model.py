@@ -8,6 +8,7 @@ rows of its frame (warp, weft; along a guide, across it), which is what matrices
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from functools import lru_cache
 from typing import Any
 
@@ -75,6 +76,12 @@ class Model:
     def __repr__(self) -> str:
         names = ", ".join(item.name for item in self.items)
         return f"Model({self.nodes.num_nodes_global} nodes in {self.dim}-D; {names})"
+
+    def with_items(self, items: Sequence[Item]) -> Model:
+        """The same model with other items in the places of the old ones, on the same nodes."""
+        model = copy(self)
+        model.items = list(items)
+        return model
 
     # -- energy, force, stiffness ---------------------------------------------------------------
 

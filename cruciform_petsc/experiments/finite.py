@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -16,6 +17,7 @@ from ..equilibrium.stages import Increment, Measured, Stage, Step
 from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
 from ..items.ply import Ply
+from ..laws import Potential
 from ..net.edges import Constraints
 from ..net.nodes import Nodes
 from . import result
@@ -50,6 +52,13 @@ class FiniteTest:
         self.ply = Ply(constraints, experiment.out_of_plane)
         self.model = model_of(self.ply)
         self._hold = holder(self.ply)
+
+    def with_shear_law(self, law: Potential) -> FiniteTest:
+        """The same test of a cloth with another shear law; all else is shared."""
+        test = copy(self)
+        test.ply = self.ply.with_shear_law(law)
+        test.model = self.model.with_items(test.ply.items)
+        return test
 
     def at(self, control: float, x: np.ndarray | None = None) -> State:
         """State at a control; at rest (control 0), or with known positions."""

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 
 from ..elements.level import ENERGY
+from ..laws import Potential
 from ..net.edges import Constraints
 from ..net.supports import pass_on_loads
 from ..parallel import most
@@ -41,6 +45,13 @@ class Ply(PlyNodes):
         )
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
+
+    def with_shear_law(self, law: Potential) -> Ply:
+        """The same ply of cloth with another shear law; all else is shared."""
+        ply = copy(self)
+        ply.cruciforms = copy(self.cruciforms)
+        ply.cruciforms.cloth = replace(self.cruciforms.cloth, shear=law.packed)
+        return ply
 
     @property
     def items(self) -> list[Item]:

@@ -16,6 +16,7 @@ from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
+from cruciform_petsc.experiments.finite import FiniteTest
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.laws import odd_polynomial
@@ -84,6 +85,27 @@ def test_held_directions_belong_to_the_state():
     other = replace(state, hold=replace(state.hold, turn=cloth.hold(motions).turn))
     assert cloth.energies(other).sum() > 1.01 * energy.sum()
     np.testing.assert_array_equal(cloth.energies(state), energy)
+
+
+def test_another_law_is_another_model():
+    """The answers of a test of another law are those of a test made with it; the old ones stay."""
+    law = odd_polynomial([60.0, 20.0])
+    made = [
+        FiniteTest(BiasExtension(network(diagonals(4, 6), fabric), "3 mm", finite=True))
+        for fabric in (TABLE_1, TABLE_1.with_shear_law(law))
+    ]
+    test, expected = made
+    equilibrium = Equilibrium(test.model, test.at(0.0))
+    state = follow(equilibrium, test.stage(), test.at(0.0))[-1].state
+    equilibrium.destroy()
+    force, _, energies = test.model.force(state)
+    other = test.with_shear_law(law)
+    for one, same in ((other, expected), (test, test)):
+        for name, values in one.ply.fields(state).items():
+            np.testing.assert_array_equal(values, same.ply.fields(state)[name], err_msg=name)
+        assert one.model.energies(state) == same.model.energies(state)
+    assert other.model.energies(state)["shear"] != energies["shear"]
+    np.testing.assert_array_equal(test.model.force(state)[0], force)
 
 
 def test_two_stages():
