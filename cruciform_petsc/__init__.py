@@ -41,28 +41,25 @@ if TYPE_CHECKING:
     from .output.figures import scene as scene
     from .output.paraview import write as write
 
-_HOME = {
-    "BiasExtension": "experiments.bias_extension",
-    "Biaxial": "experiments.biaxial",
-    "Cantilever": "experiments.cantilever",
-    "Case": "case.schema",
-    "CruciformError": "errors",
-    "Fabric": "cloth.fabric",
-    "InputError": "errors",
-    "Network": "net.network",
-    "OffAxisTension": "experiments.off_axis",
-    "Pantograph": "experiments.pantograph",
-    "PictureFrame": "experiments.picture_frame",
-    "Preform": "cloth.preform",
-    "SolverError": "errors",
-    "TestResult": "experiments.result",
-    "YarnFamily": "cloth.fabric",
-    "compare_with_membrane": "continuum.compare",
-    "export": "output.exports",
-    "plot": "output.figures",
-    "scene": "output.figures",
-    "write": "output.paraview",
+_NAMES = {
+    "case.schema": ("Case",),
+    "cloth.fabric": ("Fabric", "YarnFamily"),
+    "cloth.preform": ("Preform",),
+    "continuum.compare": ("compare_with_membrane",),
+    "errors": ("CruciformError", "InputError", "SolverError"),
+    "experiments.bias_extension": ("BiasExtension",),
+    "experiments.biaxial": ("Biaxial",),
+    "experiments.cantilever": ("Cantilever",),
+    "experiments.off_axis": ("OffAxisTension",),
+    "experiments.pantograph": ("Pantograph",),
+    "experiments.picture_frame": ("PictureFrame",),
+    "experiments.result": ("TestResult",),
+    "net.network": ("Network",),
+    "output.exports": ("export",),
+    "output.figures": ("plot", "scene"),
+    "output.paraview": ("write",),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = list(_HOME)
 
 

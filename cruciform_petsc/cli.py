@@ -99,9 +99,7 @@ def _noting_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def guarded(
-    comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], str] | None = None
-) -> int:
+def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], str]) -> int:
     """Do collective work and turn what it raises into one message and an exit code.
 
     However the ranks fail, none is left waiting for another:
@@ -133,15 +131,14 @@ def guarded(
     return _agree(control, failure)
 
 
-def _interrupted(control: MPI.Intracomm, hint: Callable[[], str] | None) -> int:
+def _interrupted(control: MPI.Intracomm, hint: Callable[[], str]) -> int:
     """Say how to go on, and end all ranks."""
     number = _signals[0] if _signals else signal.SIGINT
     with contextlib.suppress(ValueError):  # not in the main thread
         signal.signal(number, signal.SIG_IGN)
     if control.rank:
         time.sleep(0.5)  # rank 0 speaks if it is interrupted, too, and takes the others along
-    told = hint() if hint is not None else ""
-    _say(f"interrupted{'; ' if told else ''}{told}")
+    _say("; ".join(filter(None, ("interrupted", hint()))))
     return _abort(control, 128 + number)
 
 
@@ -151,8 +148,8 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
     from mpi4py import MPI
 
     rank, size = control.rank, control.size
-    first = np.empty(1, int)
-    request = control.Iallreduce(np.array([size if failure is None else rank]), first, MPI.MIN)
+    failed, first = np.array([size if failure is None else rank]), np.empty(1, int)
+    request = control.Iallreduce(failed, first, MPI.MIN)
     if failure is None:
         request.Wait()
     else:
@@ -304,8 +301,32 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     Example: cruciform-petsc fabrics
     """
-    if comm.rank == 0:
-        print(fabric_table())
+    from .cloth.fabric import Fabric, fabric_names
+    from .units import format_si
+
+    if comm.rank:
+        return
+    rows = [["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]]
+    for name in fabric_names():
+        fabric = Fabric.from_library(name)
+        columns = [
+            [
+                format_si(yarns.modulus, "N/m"),
+                f"{yarns.poisson:g}",
+                format_si(yarns.yarns, "1/m"),
+                format_si(yarns.yarn_bending, "N*m**2"),
+            ]
+            for yarns in (fabric.warp, fabric.weft)
+        ]
+        # Warp and weft apart where they differ.
+        both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
+        shear = format_si(fabric.shear_modulus, "N/m")
+        if fabric.shear.name != "linear":
+            shear += f" at rest, {fabric.shear.name}"
+        rows.append([name, *both, shear, fabric.source])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print("  ".join(map(str.ljust, row, widths)).rstrip())
 
 
 def _load(comm: MPI.Intracomm, path: str, overrides: Sequence[str] = ()) -> Case:
@@ -466,30 +487,3 @@ def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
     log.setLevel(logging.CRITICAL + 1 if comm.rank else level)
     return log
-
-
-def fabric_table() -> str:
-    """Write the library of fabrics as a table, warp and weft apart where they differ."""
-    from .cloth.fabric import Fabric, fabric_names
-    from .units import format_si
-
-    rows = [["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]]
-    for name in fabric_names():
-        fabric = Fabric.from_library(name)
-        columns = [
-            [
-                format_si(yarns.modulus, "N/m"),
-                f"{yarns.poisson:g}",
-                format_si(yarns.yarns, "1/m"),
-                format_si(yarns.yarn_bending, "N*m**2"),
-            ]
-            for yarns in (fabric.warp, fabric.weft)
-        ]
-        both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        shear = format_si(fabric.shear_modulus, "N/m")
-        if fabric.shear.name != "linear":
-            shear += f" at rest, {fabric.shear.name}"
-        rows.append([name, *both, shear, fabric.source])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ("  ".join(map(str.ljust, row, widths)) for row in rows)
-    return "\n".join(line.rstrip() for line in lines)

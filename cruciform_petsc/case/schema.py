@@ -170,11 +170,10 @@ class Case(Table):
         or the edges the test needs.
         """
         data = _read(Path(path))
-        output = data.get("output")
-        measured = output.get("measured") if isinstance(output, dict) else None
-        if isinstance(output, dict) and measured and isinstance(measured, str):
-            # As a path that a resumed run, or one in another folder, still finds.
-            output["measured"] = str((Path(path).parent / measured).absolute())
+        match data:
+            case {"output": {"measured": str(measured)}} if measured:
+                # As a path that a resumed run, or one in another folder, still finds.
+                data["output"]["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:
             _apply(data, override)
         case = cls.from_data(data)
@@ -220,8 +219,7 @@ class Case(Table):
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        plain: dict[str, Any] = {"by_alias": True, "mode": "json"}
-        return super().model_dump(**(plain | options))
+        return super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
 
     def check_together(self) -> None:
         """Check what no single table can know."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -114,11 +114,12 @@ class Fabric:
                     f"got {family.poisson:g}"
                 )
             _check(f"{side}.modulus", family.modulus, "N/m")
-            _check(f"{side}.poisson", family.poisson, least=-math.inf, wanted="finite")
+            _check(f"{side}.poisson", family.poisson, wanted="finite")
             _check(f"{side}.yarns", family.yarns, "1/m")
-            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", least=0.0)
+            wanted = "zero or positive and finite"
+            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
         _check("shear.modulus", self.shear_modulus, "N/m")
-        _check("tension.compression", self.compression, most=1.0, wanted="above 0 and at most 1")
+        _check("tension.compression", self.compression, wanted="above 0 and at most 1")
         _check("tension.compression_width", self.compression_width)
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
@@ -133,11 +134,11 @@ class Fabric:
         nu_w, nu_e = self.warp.poisson, self.weft.poisson
         # Compliance [1] has an energy only if it is symmetric.
         left, right = nu_e * self.warp.modulus, nu_w * self.weft.modulus
-        if abs(left - right) > _RECIPROCITY * max(abs(left), abs(right)):
-            wanted = right / self.warp.modulus
+        if not math.isclose(left, right, rel_tol=_RECIPROCITY):
             raise InputError(
                 f"fabric.weft.poisson = {nu_e:g} breaks reciprocity (nu_weft E_warp must equal "
-                f"nu_warp E_weft), with the other values it would have to be {wanted:.9g}"
+                "nu_warp E_weft), with the other values it would have to be "
+                f"{right / self.warp.modulus:.9g}"
             )
         # With reciprocity the product is a square times E_e/E_w: negative ratios (a cloth that
         # widens when pulled) are as admissible as positive ones, only the product counts.
@@ -238,45 +239,40 @@ class Fabric:
     def __repr__(self) -> str:
         """Name and numbers with units; which laws are not straight lines, and where tables end."""
 
-        def modulus(value: float, law: Potential | None, unit: str = "%") -> str:
-            if law is None:
-                return format_si(value, "N/m")
-            told = f"{format_si(value, 'N/m')} at rest by a {law.name}"
-            if not math.isfinite(law.last_point):
-                return told
-            last = math.degrees(law.last_point) if unit == "deg" else 100.0 * law.last_point
-            return f"{told} of {int(law.data[1])} points up to {last:.4g} {unit}"
+        def modulus(value: float, law: Potential | None, unit: str, scale: float) -> str:
+            text = format_si(value, "N/m")
+            if law is not None:
+                text += f" at rest by a {law.name}"
+                if math.isfinite(last := law.last_point):
+                    text += f" of {int(law.data[1])} points up to {last * scale:.4g} {unit}"
+            return text
 
         def family(yarns: YarnFamily, law: Potential | None) -> str:
-            return (
-                f"({modulus(yarns.modulus, law)}, nu {yarns.poisson:g}, "
-                f"{format_si(yarns.yarns, '1/m')}, yarn {format_si(yarns.yarn_bending, 'N*m**2')})"
-            )
+            own, density = modulus(yarns.modulus, law, "%", 100.0), format_si(yarns.yarns, "1/m")
+            bending = format_si(yarns.yarn_bending, "N*m**2")
+            return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending})"
 
-        return (
-            f'Fabric("{self.name}", warp {family(self.warp, self.warp_law)}, '
-            f"weft {family(self.weft, self.weft_law)}, "
-            f"shear {modulus(self.shear_modulus, self.shear_law, 'deg')})"
-        )
+        warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
+        shear = modulus(self.shear_modulus, self.shear_law, "deg", math.degrees(1.0))
+        return f'Fabric("{self.name}", warp {warp}, weft {weft}, shear {shear})'
 
 
-def _check(
-    key: str,
-    value: Any,
-    unit: str = "",
-    *,
-    least: float | None = None,
-    most: float = math.inf,
-    wanted: str = "",
-) -> None:
-    """Refuse what is no finite number, is not above 0 (or below `least`), or above `most`."""
+# What a number must be, beside finite.
+_WANTED: dict[str, Callable[[float], bool]] = {
+    "positive and finite": lambda number: number > 0.0,
+    "zero or positive and finite": lambda number: number >= 0.0,
+    "above 0 and at most 1": lambda number: 0.0 < number <= 1.0,
+    "finite": lambda number: True,
+}
+
+
+def _check(key: str, value: Any, unit: str = "", wanted: str = "positive and finite") -> None:
+    """Refuse what is not as `wanted`, see _WANTED."""
     try:
         number = float(value)  # a whole number of hundreds of digits is none
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"fabric.{key} must be a finite number") from None
-    good = number > 0.0 if least is None else number >= least
-    wanted = wanted or f"{'' if least is None else 'zero or '}positive and finite"
-    if not (good and number <= most and math.isfinite(number)):
+    if not (math.isfinite(number) and _WANTED[wanted](number)):
         got = format_si(number, unit) if unit else f"{number:g}"
         raise InputError(f"fabric.{key} must be {wanted}, got {got}")
 

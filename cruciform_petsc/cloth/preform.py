@@ -88,10 +88,6 @@ class Preform:
 
     def __post_init__(self) -> None:
         """Turn units into SI, check everything, name the edges."""
-
-        def put(name: str, value: Any) -> None:
-            object.__setattr__(self, name, value)
-
         given = {key: getattr(self, key) for key in LatticeTable.model_fields}
         lattice = LatticeTable.from_data(given, "preform", bare=True)
         angle = lattice.bias_angle.si
@@ -100,16 +96,20 @@ class Preform:
                 f"preform.bias_angle = {angle:g} rad is more than a full turn, "
                 f'did you mean "{angle:g} deg"?'
             )
-        put("bias_angle", angle)
-        put("refine", lattice.refine)
-        put("yarns_per_cruciform", lattice.yarns_per_cruciform)
-        if lattice.origin is not None:
-            put("origin", tuple(si_values(lattice.origin)))
-            if max(map(abs, si_values(lattice.origin))) > _LARGEST:
-                raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
-        put("outline", _checked(self.outline))
-        own = {name: _segments_on(self.outline, name, e) for name, e in (self.edges or {}).items()}
-        put("edges", _named_edges(self.outline) | own)
+        origin = None if lattice.origin is None else tuple(si_values(lattice.origin))
+        if origin is not None and max(map(abs, origin)) > _LARGEST:
+            raise InputError(f"preform.origin must be within {_LARGEST:g} m of x = y = 0")
+        outline = _checked(self.outline)
+        own = {name: _segments_on(outline, name, e) for name, e in (self.edges or {}).items()}
+        # Frozen from here on.
+        vars(self).update(
+            bias_angle=angle,
+            refine=lattice.refine,
+            yarns_per_cruciform=lattice.yarns_per_cruciform,
+            origin=origin,
+            outline=outline,
+            edges=_named_edges(outline) | own,
+        )
 
     @property
     def size(self) -> np.ndarray:
@@ -197,9 +197,7 @@ class Preform:
 
     def check_along_the_yarns(self, whose: str) -> None:
         """Raise InputError, which names `whose` need it is, if yarns do not follow its sides."""
-        exterior = shapely.Polygon(self.outline.exterior)
-        box = shapely.box(*exterior.bounds)
-        if exterior.symmetric_difference(box).area > 1e-9 * box.area:
+        if shapely.Polygon(self.outline.exterior).area < (1.0 - 1e-9) * self.size.prod():
             raise InputError(f"{whose} needs preform.outline to be a rectangle with upright sides")
         if abs(math.sin(2.0 * self.bias_angle)) > 1e-9:
             raise InputError(
@@ -208,10 +206,7 @@ class Preform:
             )
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:
-        """Distance between neighbouring crossovers along a warp and along a weft yarn [m].
-
-        Along a warp yarn they are as far apart as the weft yarns, and the other way round.
-        """
+        """Distance of crossovers along a warp yarn (between wefts) and along a weft yarn [m]."""
         factor = self.yarns_per_cruciform / self.refine
         return fabric.weft.spacing * factor, fabric.warp.spacing * factor
 
@@ -369,7 +364,7 @@ class OutlineTable(Table):
         return self
 
     def build(self) -> shapely.Polygon:
-        """Make the outline, in metres; `Preform` checks it."""
+        """The outline, in metres; `Preform` checks it."""
         holes = [[si_values(point) for point in hole] for hole in self.holes]
         if self.rectangle is None:
             return shapely.Polygon([si_values(point) for point in self.polygon or ()], holes)

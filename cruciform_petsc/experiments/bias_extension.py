@@ -55,16 +55,14 @@ class BiasExtension(Experiment):
 
     Parameters
     ----------
-    network, extension, load
-        Displacement (m) of the upper edge, or in its place the force (N) on it.
+    network, extension, load, **keys
+        See Experiment: a displacement of the upper edge, or a force on it, and further keys.
     upper : "grip" or "centre-line"
         Gripped like the lower edge; or the paper's half specimen, whose upper edge is the middle of
         the whole one: it moves as one along the pull and is free across it.
     model : "coupled" or "separate"
-        All modes of deformation in one system; or the paper's three systems, one after the other
-        (see solvers.separate; small displacements only).
-    **keys
-        See Experiment, also for the network and values with units.
+        All modes of deformation in one system; or the paper's three, one after the other (see
+        small.separate; small displacements only).
     """
 
     table: ClassVar[type[TestTable]] = BiasExtensionTable
@@ -93,12 +91,6 @@ class BiasExtension(Experiment):
         """A fiftieth of the length: some three degrees of shear."""
         return 0.02 * float(self.size[1])
 
-    def solve(self, accepted=None, keeper=None) -> TestResult:
-        """Solve and measure, see Experiment.solve. Collective."""
-        if self.model == "separate":
-            return self._solve_separately()
-        return super().solve(accepted, keeper)
-
     def check(self) -> list[str]:
         """See Experiment.check; and how far the net reaches. Collective."""
         told = super().check()
@@ -113,13 +105,15 @@ class BiasExtension(Experiment):
     def net_gauge(self) -> float | None:
         """H - W of a rectangle cut at 45 degrees, H >= 2 W, with grips at both ends; else None."""
         preform = self.network.preform
-        sides = preform.sides() if self.upper == "grip" else None
+        sides = preform.sides() if len(self.clamps) == 2 else None
         if sides is None or abs(np.cos(2.0 * preform.bias_angle)) >= 1e-9:
             return None
         width, length = sides
         return length - width if length >= 2.0 * width * (1 - 1e-9) else None
 
-    def _solve_separately(self) -> TestResult:
+    def _solve_small(self) -> TestResult:
+        if self.model == "coupled":
+            return super()._solve_small()
         network, load = self.network, 1.0
         constraints = Constraints(network, self.bending)
         constraints.clamp("lower")

@@ -65,14 +65,7 @@ declare("force_weft_N", "weft force")
 class Biaxial(Experiment):
     """A rectangle along the yarns, stretched in both directions; its edges slide along themselves.
 
-    Parameters
-    ----------
-    network, strain
-        Engineering strain along the warp, "1 %" or 0.01.
-    ratio : float
-        Strain along the weft over that along the warp.
-    **keys
-        See Experiment.
+    Arguments: see Experiment and `BiaxialTable`; strains are engineering ones, "1 %" or 0.01.
     """
 
     table = BiaxialTable

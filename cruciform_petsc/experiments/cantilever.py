@@ -47,15 +47,7 @@ declare("tip_along_mm", "deflection along")
 
 
 class Cantilever(Experiment):
-    """In-plane bending of a strip: lower edge clamped, a dead load across it on the upper edge.
-
-    Parameters
-    ----------
-    network, load
-        Force along x, with units or in newtons.
-    **keys
-        See Experiment.
-    """
+    """In-plane bending of a strip: lower edge clamped, a dead load along x on the upper edge."""
 
     table = CantileverTable
     kind = "cantilever"

@@ -267,8 +267,7 @@ class Experiment:
         work = float((force[owned] * rate[owned]).sum())
         state.load = self.load_of(network.comm.allreduce(work), reference)
         state.forces = self.edge_forces(grips, force)
-        solver.destroy()
-        for thing in (matrix, rhs, x):
+        for thing in (solver, matrix, rhs, x):
             thing.destroy()
         return self.in_proportion(state, linear, info)
 

@@ -37,15 +37,8 @@ class OffAxisTable(PullTable):
 class OffAxisTension(BiasExtension):
     """Tension of a strip cut at any angle, y being the direction of pull.
 
-    Parameters
-    ----------
-    network, extension, load
-        As for BiasExtension.
-    ends : "grip" or "free"
-        Gripped; or free to contract and to slide across the pull, as in a test on a long strip:
-        only how far the ends move along it is prescribed.
-    **keys
-        See Experiment.
+    Arguments as for BiasExtension, and ``ends``: "grip"; or "free" to contract and to slide across
+    the pull, as in a test on a long strip: only how far they move along it is prescribed.
     """
 
     table = OffAxisTable
@@ -70,10 +63,6 @@ class OffAxisTension(BiasExtension):
         _, key = min(network.comm.allgather(nearest))
         constraints.pin(key, (1,))
         return grips
-
-    def net_gauge(self) -> float | None:
-        """See BiasExtension.net_gauge; free ends have none."""
-        return None if self.ends == "free" else super().net_gauge()
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Mean strain and stress over the strip: its curve apart from its size."""

@@ -53,15 +53,8 @@ class PictureFrame(Experiment):
     """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
 
     The frame turns the yarns it holds with its sides, so that the cloth shears uniformly as far as
-    the clamps are concerned.
-
-    Parameters
-    ----------
-    network, angle
-        Shear angle of the frame, 90 degrees less the angle between its sides; with units or in
-        radians. Positive where warp and weft close.
-    **keys
-        See Experiment.
+    the clamps are concerned. Its shear angle is 90 degrees less the angle between its sides,
+    positive where warp and weft close.
     """
 
     table = PictureFrameTable
