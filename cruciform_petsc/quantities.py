@@ -38,13 +38,9 @@ class Quantity(NamedTuple):
     scale : float
         SI units in one of its own.
     unit : str
-        Its unit as people write it: "mm", "°".
-    name : str
-        What stands over it in a table.
-    label : str
-        What stands at an axis, or before a difference.
-    short : str
-        What a log calls a control.
+        As people write it: "mm", "°".
+    name, label, short : str
+        What stands over it in a table; at an axis, or before a difference; in a log.
     is_displacement : bool
         Whether it is what a test machine measures beside the force.
     """
@@ -67,16 +63,19 @@ class Quantity(NamedTuple):
         """Its unit in ASCII."""
         return self.unit.replace("°", "deg")
 
+    def sized_for(self, values: Any) -> Quantity:
+        """The same in a unit for values (SI) of their size: small forces are in mN."""
+        unit, scale = force_unit(values) if self.unit == "N" else (self.unit, self.scale)
+        return self._replace(unit=unit, scale=scale)
+
     def text(self, value: float) -> str:
         """Name, value (SI) and unit for a log: "extension 10 mm"."""
         return f"{self.short} {self.value_text(value)}"
 
     def value_text(self, value: float) -> str:
         """Value (SI) and unit for a log: "10 mm"."""
-        scale, unit = self.scale, self.log_unit
-        if unit == "N":
-            unit, scale = force_unit(value)
-        return f"{value / scale:.4g} {unit}"
+        sized = self.sized_for(value)
+        return f"{value / sized.scale:.4g} {sized.log_unit}"
 
 
 _KNOWN: dict[str, Quantity] = {}
@@ -93,17 +92,13 @@ def quantity(column: str) -> Quantity:
 
 
 def declare(
-    column: str,
-    name: str | None = None,
-    label: str | None = None,
-    short: str | None = None,
-    is_displacement: bool = False,
+    column: str, name: str = "", label: str = "", short: str = "", is_displacement: bool = False
 ) -> Quantity:
     """Give a column its words, see Quantity: label and short are its name if they are not given."""
     plain = quantity(column)
     name = name or plain.name
-    _KNOWN[column] = Quantity(
-        column, plain.scale, plain.unit, name, label or name, short or name, is_displacement
+    _KNOWN[column] = plain._replace(
+        name=name, label=label or name, short=short or name, is_displacement=is_displacement
     )
     return _KNOWN[column]
 

@@ -85,12 +85,9 @@ def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str,
     """What is told of this rank's crossovers (n_owned,), NaN where it is not known. Collective."""
     network, fabric, fields = result.network, result.network.fabric, state.fields
     rotation = _yarn_rotations(result, state)
-    # The axes of the yarns at rest are the rows of the frame.
-    axis, across = network.preform.rotation, np.array([[0.0, 1.0], [-1.0, 0.0]])
-    warp, weft = (
-        np.cos(angle)[:, None] * along + np.sin(angle)[:, None] * (along @ across)
-        for angle, along in zip(rotation.T, axis, strict=True)
-    )
+    cosine, sine = np.cos(rotation), np.sin(rotation)
+    warp = network.to_lab(np.column_stack([cosine[:, 0], sine[:, 0]]))
+    weft = network.to_lab(np.column_stack([-sine[:, 1], cosine[:, 1]]))
     shear = rotation[:, 0] - rotation[:, 1]
     stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
     area_ratio = stretched * np.cos(shear)

@@ -71,8 +71,8 @@ def scene(result: TestResult, path: str | Path, title: str = "") -> None:
         On every rank: nothing here can draw in space, or the place cannot be written to.
     """
     network, text = result.network, pictures.plain_text(title)
-    _, sample, clamps = _panel("", result, result.states[-1])
-    pictures.save(network.comm, path, woven, sample, network.fabric.thickness, text, clamps)
+    _, sample, clamps = _panel("", result)
+    pictures.save(network.comm, path, woven, sample, clamps, network.fabric.thickness, text)
 
 
 def figures(
@@ -106,10 +106,9 @@ def figures(
     uniform : dict of str
         By the same names: a sentence in place of a map that is the same all over.
     """
-    experiment, angle = result.experiment, None
+    experiment, membrane = result.experiment, None
     if membranes:
-        places = result.network.crossover_position
-        angle = membranes[-1].evaluate(places)["shear_angle"]
+        membrane = membranes[-1].evaluate(result.network.crossover_position)["shear_angle"]
     drawn: Drawn = {"yarns.png": _yarns(result, title)}
     # Of a cloth that does not shear there is nothing to see but its curve.
     if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
@@ -117,88 +116,74 @@ def figures(
     drawn |= _loads(result, membranes, title, measured)
     if experiment.finite:
         drawn["energy.png"] = _energies(result, title)
-    if experiment.has_zones and experiment.finite:
-        drawn["zones.png"] = _zones(result, title)
-    elif experiment.has_zones:
-        drawn["shear_against_load.png"] = _shear_against_load(result, title)
     if experiment.has_zones:
-        drawn["centre_line.png"] = _centre_line(result, without, angle, title)
-    maps, uniform = _maps(result, angle, title)
+        if experiment.finite:
+            drawn["zones.png"] = _zones(result, title)
+        else:
+            drawn["shear_against_load.png"] = _shear_against_load(result, title)
+        drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
+    maps, uniform = _maps(result, membrane, title)
     drawn |= maps
     if without is not None:
-        panels = [
-            _panel("no yarn bending", without, without.states[-1]),
-            _panel("with yarn bending", result, result.states[-1]),
-        ]
+        panels = [_panel("no yarn bending", without), _panel("with yarn bending", result)]
         drawn["with_and_without_bending.png"] = partial(pictures.yarns, panels)
     if ladder:
-        drawn["ladder.png"] = _ladder(ladder, title)
+        differences = {
+            "displacement at the crossovers": [rung["relative_l2_displacement"] for rung in ladder],
+            "load": [abs(rung["load_ratio"] - 1.0) for rung in ladder],
+        }
+        crossovers = [rung["crossovers"] for rung in ladder]
+        label = "relative difference to the membrane"
+        drawn["ladder.png"] = partial(pictures.convergence, crossovers, differences, label, title)
     return drawn, uniform
 
 
 # -- the specimen -------------------------------------------------------------------------------
 
 
-def _panel(title: str, result: TestResult, state: State, values=None) -> tuple[str, Any, list]:
-    """A state's title, its yarns (on rank 0) and its clamps. Collective."""
-    network = result.network
+def _panel(
+    title: str, result: TestResult, state: State | None = None, values=None
+) -> tuple[str, Any, np.ndarray]:
+    """A title, the yarns (on rank 0) and the clamps (n, 2, 2) of a state, the last. Collective."""
+    network, experiment, state = result.network, result.experiment, state or result.states[-1]
     sample = sample_yarns(network, state.node_displacement, state.fields, values=values)
-    return title, sample, _clamps(result, state)
+    clamps = [np.empty((0, 2, 2))]
+    for edge in experiment.clamps:
+        segments = network.preform.edge(edge)
+        # Small displacements go along the tangent at rest.
+        step, factor = (state.control, 1.0) if experiment.finite else (1e-6, 1e6 * state.control)
+        gradient, shift = experiment.motion(edge, step)
+        clamps.append(segments + factor * (segments @ gradient.T + shift - segments))
+    return title, sample, np.concatenate(clamps)
 
 
 def _yarns(result: TestResult, title: str) -> partial[Figure]:
     values, label = None, pictures.ANGLE_LABEL
     if result.experiment.colour == "tension":
         values, label = list(_tensions(result).values()), "tension (N per yarn)"
-    panel = _panel("", result, result.states[-1], values)
-    return partial(pictures.yarns, [panel], title, label=label)
+    return partial(pictures.yarns, [_panel("", result, values=values)], title, label=label)
 
 
 def _stages(result: TestResult, title: str) -> partial[Figure]:
     """Up to four states side by side."""
     count = min(STAGES, len(result.states))
-    chosen = np.unique(np.linspace(0, len(result.states) - 1, count).round().astype(int))
     panels = []
-    for state in (result.states[i] for i in chosen):
+    for i in np.linspace(0, len(result.states) - 1, count).round().astype(int):
+        state = result.states[i]
         name = result.experiment.column.text(state.control).replace(" deg", "°")
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
 
 
-def _clamps(result: TestResult, state: State) -> list[pictures.Clamp]:
-    """Gripped edges, each with how far its corners have moved in a state."""
-    experiment, control = result.experiment, state.control
-    clamps: list[pictures.Clamp] = []
-    for edge in experiment.clamps:
-        segments = result.network.preform.edge(edge)
-        # Small displacements go along the tangent at rest.
-        step, factor = (control, 1.0) if experiment.finite else (1e-6, 1e6 * control)
-        gradient, shift = experiment.motion(edge, step)
-        clamps.append((segments, factor * (segments @ gradient.T + shift - segments)))
-    return clamps
-
-
 # -- curves -------------------------------------------------------------------------------------
 
 
-def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Control, load (N) and energies (J; (n, 3)) all along the test."""
-    if result.experiment.finite and result.increments:
-        path = [
-            (step.control, step.load, [step.energies[mode] for mode in MODES])
-            for step in result.increments
-        ]
-        control, load, energies = (np.array(column) for column in zip(*path, strict=True))
-        return control, load, energies
-    return result.controls, result.loads, np.column_stack([result.energies()[m] for m in MODES])
-
-
-def _axis(result: TestResult) -> tuple[str, float]:
-    """Label of the control's axis, and SI units in one of its."""
-    column = result.experiment.column
-    unit, newton = force_unit(result.loads)
-    return (f"load ({unit})", newton) if column is LOAD else (column.axis, column.scale)
+def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray]:
+    """Control and load (N) all along the test."""
+    steps = result.increments or result.states
+    control, load = np.array([(step.control, step.load) for step in steps]).T
+    return control, load
 
 
 def _loads(
@@ -206,9 +191,10 @@ def _loads(
 ) -> Drawn:
     """The load, or what stands for it, against the control."""
     experiment, curve = result.experiment, result.curve()
-    control, load, _ = _path(result)
-    unit, newton = force_unit(load)
-    load_label = f"load ({unit})"
+    control, load = _path(result)
+    in_newton = LOAD.sized_for(load)
+    newton = in_newton.scale
+    draw = partial(pictures.curves, title=title)
     test = None
     if measured is not None:
         test = 1e3 * measured.displacement, measured.force / newton
@@ -216,44 +202,42 @@ def _loads(
     if own is not None:
         name, (x_label, y_label), lines = own
         if y_label == LOAD.axis:
-            y_label, lines = load_label, {key: (x, y / newton) for key, (x, y) in lines.items()}
+            y_label = in_newton.axis
+            lines = {key: (x, y / newton) for key, (x, y) in lines.items()}
         if test is not None:
             lines[f"measured, {next(iter(lines))}"] = test
         lines = {key: pictures.from_origin(*line) for key, line in lines.items()}
-        return {f"{name}.png": partial(pictures.curves, lines, (x_label, y_label), title)}
-    x_label, size = _axis(result)
-    states = result.controls / size
-    points = {}
+        return {f"{name}.png": partial(draw, lines, (x_label, y_label))}
+    column = experiment.column.sized_for(result.loads)
+    states, points = result.controls / column.scale, {}
     if len(membranes) == len(states):
         points["membrane"] = states, np.array([m.load for m in membranes]) / newton
     if test is not None and experiment.unit == "m":
         points["measured"] = test
-    lines = {"network": pictures.from_origin(control / size, load / newton)}
+    lines = {"network": pictures.from_origin(control / column.scale, load / newton)}
     marks = None if len(control) == len(states) else (states, result.loads / newton)
-    name = experiment.column.column.partition("_")[0]
-    draw = partial(pictures.curves, title=title)
-    drawn = {
-        f"load_against_{name}.png": partial(
-            draw, lines, (x_label, load_label), points=points, marks=marks
-        )
-    }
+    labels = column.axis, in_newton.axis
+    name = f"load_against_{column.column.partition('_')[0]}.png"
+    drawn: Drawn = {name: partial(draw, lines, labels, points=points, marks=marks)}
     if test is not None and experiment.unit != "m":
-        labels = quantity("crosshead_mm").axis, load_label
         lines = {"network": pictures.from_origin(curve["crosshead_mm"], curve["load_N"] / newton)}
-        points = {"measured": test}
+        labels, points = (quantity("crosshead_mm").axis, in_newton.axis), {"measured": test}
         drawn["load_against_crosshead.png"] = partial(draw, lines, labels, points=points)
     return drawn
 
 
 def _energies(result: TestResult, title: str) -> partial[Figure]:
-    control, _, energies = _path(result)
-    label, size = _axis(result)
+    """Strain energies of the modes all along a finite test."""
+    names = dict(zip(MODES, MODES, strict=True)) | {"bending": "yarn bending"}
+    if not result.experiment.bending:
+        del names["bending"]
     parts = {
-        "yarn bending" if mode == "bending" else mode: 1e3 * energy
-        for mode, energy in zip(MODES, energies.T, strict=True)
-        if mode != "bending" or result.experiment.bending
+        name: 1e3 * np.array([step.energies[mode] for step in result.increments])
+        for mode, name in names.items()
     }
-    return partial(pictures.stacked, control / size, parts, (label, "strain energy (mJ)"), title)
+    column, (control, _) = result.experiment.column.sized_for(result.loads), _path(result)
+    labels = column.axis, "strain energy (mJ)"
+    return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 
 def _zones(result: TestResult, title: str) -> partial[Figure]:
@@ -276,13 +260,13 @@ def _zones(result: TestResult, title: str) -> partial[Figure]:
 
 def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
     """The paper's figure 8."""
-    curve, (unit, newton) = result.curve(), force_unit(result.loads)
+    curve, load = result.curve(), LOAD.sized_for(result.loads)
     names = {"at the centre point": "shear_centre_deg", "largest (absolute)": "shear_max_deg"}
     lines = {
-        label: pictures.from_origin(curve["load_N"] / newton, curve[name])
+        label: pictures.from_origin(curve["load_N"] / load.scale, curve[name])
         for label, name in names.items()
     }
-    return partial(pictures.curves, lines, (f"load ({unit})", pictures.ANGLE_LABEL), title)
+    return partial(pictures.curves, lines, (load.axis, pictures.ANGLE_LABEL), title)
 
 
 def _centre_line(
@@ -303,16 +287,6 @@ def _centre_line(
     return partial(pictures.curves, lines, labels, title)
 
 
-def _ladder(rungs: Sequence[dict[str, Any]], title: str) -> partial[Figure]:
-    differences = {
-        "displacement at the crossovers": [rung["relative_l2_displacement"] for rung in rungs],
-        "load": [abs(rung["load_ratio"] - 1.0) for rung in rungs],
-    }
-    crossovers = [rung["crossovers"] for rung in rungs]
-    label = "relative difference to the membrane"
-    return partial(pictures.convergence, crossovers, differences, label, title)
-
-
 # -- maps ---------------------------------------------------------------------------------------
 
 
@@ -322,25 +296,24 @@ def _maps(
     """Maps of shear angle and tension, and sentences in place of those that are uniform."""
     network, fields = result.network, result.fields
     shear = {"network": np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)}
-    label, difference = pictures.ANGLE_LABEL, ""
+    compared = {}
     if membrane is not None:
-        shear["membrane"], difference = np.rad2deg(membrane), "difference (°)"
+        shear["membrane"], compared = np.rad2deg(membrane), {"difference": "difference (°)"}
     tensions = _tensions(result)
     largest = most(network.comm, np.abs(np.nan_to_num(list(tensions.values()))))
     unit, newton = force_unit(largest)
-    draw_shear = partial(pictures.maps, label=label, title=title, difference=difference)
-    tension_label = f"tension ({unit} per yarn)"
-    draw_tension = partial(pictures.maps, label=tension_label, title=title, share=0.99)
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
-    for name, what, values, unit, size, rounding, draw in (
-        ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, draw_shear),
-        ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, draw_tension),
+    in_units = {"label": f"tension ({unit} per yarn)", "share": 0.99}
+    for name, what, values, unit, size, rounding, options in (
+        ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, compared),
+        ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, in_units),
     ):
         told = uniform_text(network.comm, what, values, rounding, unit)
         if told is None:
-            sample = sample_map(network, {key: value / size for key, value in values.items()})
-            drawn[name] = partial(draw, sample)
+            scaled = {key: value / size for key, value in values.items()}
+            sample: Any = sample_map(network, scaled)  # on rank 0, which draws it
+            drawn[name] = partial(pictures.maps, sample, title=title, **options)
         else:
             uniform[name] = told
     return drawn, uniform

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 Values = Sequence[float] | np.ndarray
 Curves = Mapping[str, tuple[Values, Values]]  # (x, y) by label
-# Segments of an edge (n, 2, 2) with the cloth on their left (Preform.edge), and its motion:
-# (2,), or of each end (n, 2, 2).
-Clamp = tuple[np.ndarray, Values]
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -77,7 +74,7 @@ def save(
 
 
 def yarns(
-    panels: Sequence[tuple[str, YarnSample, Sequence[Clamp]]],
+    panels: Sequence[tuple[str, YarnSample, np.ndarray]],
     title: str = "",
     *,
     before: bool = True,
@@ -88,7 +85,7 @@ def yarns(
     Parameters
     ----------
     panels : sequence of (title, YarnSample, clamps)
-        Clamps are drawn as hatched bars.
+        Clamps are segments (n, 2, 2) with the cloth on their left, drawn as hatched bars.
     title : str
         Above all of them.
     before : bool
@@ -96,13 +93,12 @@ def yarns(
     label : str
         What the samples' values are. They have one colour scale.
     """
+    from matplotlib.collections import LineCollection, PolyCollection
+
     samples = [sample for _, sample, _ in panels]
-    edges = [
-        [ends for segments, motion in clamps for ends in segments + np.asarray(motion)]
-        for _, _, clamps in panels
-    ]
     points = [s.after for s in samples] + [s.before for s in samples if before]
     thickness = bar_width(*bounds(points))
+<<<<<<< HEAD
     # Bars lie outside of the cloth, on whichever side that is.
     points += [bar_corners(a, b, thickness) for ends in edges for a, b in ends]
     names = [name for name, _, _ in panels]
@@ -111,6 +107,34 @@ def yarns(
     for panel, sample, ends in zip(axes, samples, edges, strict=True):
         _add_yarns(panel, sample, colours, points_per_metre, before)
         _add_clamps(panel, ends, thickness)
+=======
+    bars = [bar_corners(clamps, thickness) for _, _, clamps in panels]
+    points += [corners.reshape(-1, 2) for corners in bars]
+    figure, axes, points_per_metre = _panels(*bounds(points), len(panels))
+    colours = colour_scale([sample.values for sample in samples])
+    for panel, (name, sample, clamps), corners in zip(axes, panels, bars, strict=True):
+        panel.set_title(name)
+        if before:
+            lines = np.split(1e3 * sample.before, sample.first[1:])
+            panel.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
+        # A piece of yarn has the mean of its ends, or the value of the one that has any.
+        after = LineCollection(
+            list(1e3 * sample.after[sample.segment]),
+            array=np.ma.masked_invalid(sample.values[sample.segment]).mean(axis=1),
+            norm=colours.norm,
+            cmap=colours.cmap,
+            linewidths=np.clip(0.2 * points_per_metre * sample.spacing, 0.4, 2.6),
+            capstyle="round",
+            zorder=2,
+        )
+        panel.add_collection(after)
+        if len(clamps):
+            hatched = PolyCollection(list(1e3 * corners), hatch="/////", facecolor="0.93", zorder=3)
+            hatched.set(edgecolor="0.35", linewidth=0, clip_on=False)
+            panel.add_collection(hatched)
+            edges = LineCollection(list(1e3 * clamps), colors="0.1", linewidths=1.4, zorder=4)
+            panel.add_collection(edges)
+>>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
     colour_bar(axes, colours, label)
     figure.suptitle(title)
     every = max(sample.every for sample in samples)
@@ -120,51 +144,17 @@ def yarns(
     return figure
 
 
-def _add_yarns(
-    axes: Axes, sample: YarnSample, colours: ScalarMappable, points_per_metre: float, before: bool
-) -> None:
-    from matplotlib.collections import LineCollection
-
-    if before:
-        lines = np.split(1e3 * sample.before, sample.first[1:])
-        axes.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
-    # A piece of yarn has the mean of its ends, or the value of the one that has any.
-    ends = np.ma.masked_invalid(sample.values[sample.segment])
-    after = LineCollection(
-        list(1e3 * sample.after[sample.segment]),
-        array=ends.mean(axis=1),
-        norm=colours.norm,
-        cmap=colours.cmap,
-        linewidths=np.clip(0.2 * points_per_metre * sample.spacing, 0.4, 2.6),
-        capstyle="round",
-        zorder=2,
-    )
-    axes.add_collection(after)
-
-
-def _add_clamps(axes: Axes, ends: Sequence[np.ndarray], thickness: float) -> None:
-    """Hatched bars on the side of an edge where there is no cloth."""
-    from matplotlib.collections import LineCollection, PolyCollection
-
-    if not ends:
-        return
-    bars = PolyCollection([1e3 * bar_corners(a, b, thickness) for a, b in ends], hatch="/////")
-    bars.set(facecolor="0.93", edgecolor="0.35", linewidth=0, zorder=3, clip_on=False)
-    axes.add_collection(bars)
-    lines = LineCollection([1e3 * line for line in ends], colors="0.1", linewidths=1.4, zorder=4)
-    axes.add_collection(lines)
-
-
 def bar_width(low: np.ndarray, high: np.ndarray) -> float:
     """Width of a clamp's bar on a specimen between two corners, m."""
     return 0.03 * float((high - low).max())
 
 
-def bar_corners(a: np.ndarray, b: np.ndarray, thickness: float) -> np.ndarray:
-    """Corners (4, 2) of a bar to the right of the way from a to b."""
-    along = (b - a) / np.linalg.norm(b - a)
-    out = thickness * np.array([along[1], -along[0]])
-    return np.array([a, b, b + out, a + out])
+def bar_corners(segments: np.ndarray, thickness: float) -> np.ndarray:
+    """Corners (n, 4, 2) of bars on the right of segments (n, 2, 2), where there is no cloth."""
+    along = segments[:, 1] - segments[:, 0]
+    out = np.column_stack([along[:, 1], -along[:, 0]])
+    out *= thickness / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.concatenate([segments, segments[:, ::-1] + out[:, None]], axis=1)
 
 
 def maps(
@@ -180,6 +170,7 @@ def maps(
     ``label`` is what they are; ``difference`` that of a third map, first less second value, with a
     scale of its own. ``share``: see `colour_scale`.
     """
+<<<<<<< HEAD
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
     if difference:
@@ -191,6 +182,17 @@ def maps(
         groups.append((axes[-1:], [less], colour_scale([less], 0.99, centred=True), difference))
     for panels, of, colours, what in groups:
         for panel, value in zip(panels, of, strict=True):
+=======
+    names, values = [name.capitalize() for name in sample.values], list(sample.values.values())
+    figure, axes, _ = _panels(*bounds(sample.outline), len(values) + bool(difference))
+    groups = [(axes[: len(values)], names, values, colour_scale(values, share), label)]
+    if difference:
+        less, text = values[0] - values[1], f"{names[0]} minus {names[1].lower()}"
+        scale = colour_scale([less], 0.99, centred=True)
+        groups.append((axes[-1:], [text], [less], scale, difference))
+    for panels, titles, shown, colours, what in groups:
+        for panel, name, value in zip(panels, titles, shown, strict=True):
+>>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
             _add_map(panel, sample, value, colours)
         colour_bar(panels, colours, what)
     figure.suptitle(title)
@@ -207,16 +209,15 @@ def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: ScalarM
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
-    rings = [Outline(1e3 * ring, closed=True) for ring in sample.outline]
+    rings = (Outline(1e3 * ring, closed=True) for ring in sample.outline)
     outline = Outline.make_compound_path(*rings)
     border = PathPatch(outline, facecolor="none", edgecolor="0.2", linewidth=0.8, zorder=3)
     axes.add_patch(border)
     values = np.ma.masked_invalid(values)
-    every = np.ones(len(values), bool)
-    for size, rows, order in ((2.6, sample.at_outline, 1.0), (1.0, every, 2.0)):
-        cells = PolyCollection(1e3 * sample.cells(size)[rows], array=values[rows])
+    for size, rows, order in ((2.6, sample.at_outline, 1.0), (1.0, slice(None), 2.0)):
+        corners = list(1e3 * sample.cells(size)[rows])
+        cells = PolyCollection(corners, array=values[rows], zorder=order)
         cells.set(norm=colours.norm, cmap=colours.cmap, edgecolor="face", linewidth=0.3)
-        cells.set(zorder=order)
         axes.add_collection(cells)
         cells.set_clip_path(border)
 
@@ -233,11 +234,17 @@ def _panels(
     width, height = size * inches_per_metre
     figure = Figure(figsize=(columns * width, height + 1.0))
     axes = figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
+<<<<<<< HEAD
     for panel, title in zip(axes, titles, strict=True):
         panel.set_aspect("equal")
         panel.set_title(title)
         panel.set(xlabel="x (mm)", xlim=1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
         panel.set(ylim=1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
+=======
+    x_limits, y_limits = 1e3 * (middle + 0.5 * size * np.array([[-1], [1]])).T
+    for panel in axes:
+        panel.set(aspect="equal", xlabel="x (mm)", xlim=x_limits, ylim=y_limits)
+>>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
         panel.locator_params(axis="x", nbins=max(2, min(6, int(width / 0.6))), min_n_ticks=2)
         panel.tick_params(direction="out", length=3, color="0.5")
         panel.spines[:].set_color("0.75")
@@ -313,12 +320,11 @@ def curves(
     marks: tuple[Values, Values] | None = None,
     guides: Curves | None = None,
 ) -> Figure:
-    """Draw lines, to be told apart also where they lie on one another.
+    """Draw lines (x, y) by their labels, to be told apart also where they lie on one another.
 
     Parameters
     ----------
     lines : dict of (x, y)
-        By label.
     labels : (str, str)
         Of the axes.
     title : str
@@ -331,6 +337,7 @@ def curves(
         straight one between few points says nothing beside them.
     """
     figure, (axes,) = _curve_axes([labels], title)
+    points = points or {}
     for label, (x, y) in (guides or {}).items():
         axes.plot(x, y, color="0.4", linewidth=0.9, label=label or None, zorder=2)
     for i, (label, (x, y)) in enumerate(lines.items()):
@@ -341,17 +348,15 @@ def curves(
             style.pop("marker", None)
             axes.plot(*marks, "o", color=COLOURS[0], markersize=4, clip_on=False, zorder=3)
         axes.plot(x, y, label=label, **style)
-    for i, (label, (x, y)) in enumerate((points or {}).items(), len(lines)):
+    for i, (label, (x, y)) in enumerate(points.items(), len(lines)):
         axes.plot(x, y, label=label, **_point_style(i))
     _include_zero(axes)
-    if guides is not None or len(lines) + len(points or {}) > 1:
+    if guides is not None or len(lines) + len(points) > 1:
         axes.legend()
     return figure
 
 
-def overlaid(
-    panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]],
-) -> Figure:
+def overlaid(panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]]) -> Figure:
     """Draw curves over each other, in panels side by side: (labels of the axes, curves).
 
     Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
@@ -362,8 +367,8 @@ def overlaid(
         for i, (label, ((x, y), as_points)) in enumerate(lines.items()):
             style = _point_style(i) if as_points else _line_style(i, MANY_POINTS + 1)
             # A leading underscore would keep it out of the legend.
-            text = plain_text(label).lstrip("_")
-            axes.plot(x, y, label=text, **style | {"zorder": 4 - i})
+            style |= {"label": plain_text(label).lstrip("_"), "zorder": 4 - i}
+            axes.plot(x, y, **style)
         _include_zero(axes)
     figure.legend(*every[0].get_legend_handles_labels(), loc="outside upper left")
     return figure
@@ -388,16 +393,13 @@ def stacked(
 
 
 def convergence(
-    crossovers: Values,
-    differences: Mapping[str, Values],
-    ylabel: str = "relative difference",
-    title: str = "",
+    crossovers: Values, differences: Mapping[str, Values], ylabel: str, title: str
 ) -> Figure:
     """Draw differences (n,) against the number of crossovers (n,), both on logarithmic axes.
 
     A guide below them has the slope of the pitch, which goes with crossovers^(-1/2).
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator
 
     figure, (axes,) = _curve_axes([("crossovers", ylabel)], title)
     count = np.asarray(crossovers, float)
@@ -405,17 +407,15 @@ def convergence(
     for i, (label, values) in enumerate(differences.items()):
         axes.plot(count, values, label=label, **_line_style(i, len(count)))
     slope = (count / count[0]) ** -0.5
-    below = 0.6 * np.nanmin(np.array(list(differences.values()), float) / slope)
-    axes.plot(count, below * slope, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)))
-    axes.annotate(
-        "∝ pitch", (count[-1], below * slope[-1]), (4, 0), color="0.35",
-        textcoords="offset points", va="center", fontsize=8,
-    )  # fmt: skip
+    guide = slope * 0.6 * np.nanmin(np.array(list(differences.values()), float) / slope)
+    axes.plot(count, guide, color="0.45", linewidth=0.9, linestyle=(0, (4, 3)))
+    beside = axes.annotate("∝ pitch", (count[-1], guide[-1]), (4, 0), textcoords="offset points")
+    beside.set(va="center", fontsize=8, color="0.35")
     # Numbers as people write them: 1,000 and 0.02, not 10^3 and 2 x 10^-2.
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 2e3 * low else (1.0,)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.6g}"))
-        axis.set_minor_formatter(NullFormatter())
+        axis.set_major_formatter("{x:,.6g}")
+        axis.set_minor_formatter("")
     if len(differences) > 1:
         axes.legend()
     return figure
@@ -451,10 +451,8 @@ def _point_style(i: int) -> dict[str, Any]:
 
 def _include_zero(axes: Axes) -> None:
     """Let both axes begin (or end) at zero where all values are on one side of it."""
-    for (low, high), put in (
-        (axes.dataLim.intervalx, axes.set_xlim),
-        (axes.dataLim.intervaly, axes.set_ylim),
-    ):
+    data = axes.dataLim
+    for (low, high), put in ((data.intervalx, axes.set_xlim), (data.intervaly, axes.set_ylim)):
         rounding = 1e-3 * (high - low)
         if low >= -rounding:
             put(0.0, None)
@@ -471,17 +469,14 @@ def from_origin(x: Values, y: Values) -> tuple[np.ndarray, np.ndarray]:
     """Join the origin, which every test starts from, to a curve that lacks it."""
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
     if (x > 0).all() or (x < 0).all():
-        towards = len(x) > 1 and (np.diff(np.abs(x)) < 0).all()
-        where = len(x) if towards else 0
+        comes_back = len(x) > 1 and (np.diff(np.abs(x)) < 0).all()
+        where = len(x) if comes_back else 0
         x, y = np.insert(x, where, 0.0), np.insert(y, where, 0.0)
     return x, y
 
 
-def broken_at_gaps(x: Values, y: Values) -> tuple[np.ndarray, np.ndarray]:
+def broken_at_gaps(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Put a NaN wherever a step along x is far larger than is usual: a line stops at a hole."""
-    x, y = np.asarray(x, float), np.asarray(y, float)
-    if len(x) < 3:
-        return x, y
     step = np.diff(x)
-    gap = 1 + np.flatnonzero(step > 4.0 * np.median(step))
+    gap = 1 + np.flatnonzero(step > 4.0 * np.median(step if len(step) else 0.0))
     return np.insert(x, gap, np.nan), np.insert(y, gap, np.nan)

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,10 +38,7 @@ SECONDS = 300.0  # until rendering has failed
 
 
 def woven(
-    sample: YarnSample,
-    thickness: float | None = None,
-    title: str = "",
-    clamps: Sequence[pictures.Clamp] = (),
+    sample: YarnSample, clamps: np.ndarray, thickness: float | None = None, title: str = ""
 ) -> Figure:
     """Draw the deformed yarns as tubes in the colours of their values. Not collective.
 
@@ -52,11 +49,11 @@ def woven(
     ----------
     sample : YarnSample
         Values in degrees.
+    clamps : float (n, 2, 2)
+        Segments to draw as bars, the cloth on their left.
     thickness : float, optional
         Of the cloth, m.
     title : str
-    clamps : sequence of Clamp
-        Edges to draw as bars.
 
     Raises
     ------
@@ -67,9 +64,7 @@ def woven(
     colours = pictures.colour_scale([sample.values])
     scene = yarn_lines(sample, height, colours)
     width = pictures.bar_width(*pictures.bounds([scene["lines"][:, :2]]))
-    edges = [np.asarray(segments) + motion for segments, motion in clamps]
-    bars = [pictures.bar_corners(a, b, width) for edge in edges for a, b in edge]
-    scene["bars"] = np.reshape(bars, (-1, 4, 2))
+    scene["bars"] = pictures.bar_corners(clamps, width)
     scene["bar_height"] = np.array(max(height, 0.35 * width))
     scene["bar_colour"] = np.array(STEEL)
     image, extent = _render(scene | _view(scene))
@@ -77,14 +72,12 @@ def woven(
 
 
 def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> dict[str, np.ndarray]:
-    """Lines of all yarns with the waves of a plain weave, in metres.
+    """Lines of all yarns with the waves of a plain weave, for `render.tubes`; lengths in metres.
 
-    Returns
-    -------
-    dict
-        ``lines``, ``first``, ``half`` and ``shades``, see `render.tubes`. The cloth at rest is
-        ``height`` thick.
+    The cloth at rest is ``height`` thick.
     """
+    from scipy.interpolate import make_interp_spline
+
     place, after = sample.lattice / sample.every, sample.after
     lines, halves, angles = [], [], []
     for rows in np.split(np.arange(len(after)), sample.first[1:]):
@@ -94,16 +87,16 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
         along, line = place[rows, family], np.round(place[rows[0], 1 - family])
         fine = np.linspace(along[0], along[-1], 1 + int(np.ceil(ALONG * np.ptp(along))))
         good = rows[np.isfinite(sample.values[rows])]
-        known = sample.values[good] if len(good) else np.zeros(1)
-        angle = np.interp(fine, place[good, family] if len(good) else fine[:1], known)
+        angle = np.full(len(fine), np.nan)
+        if len(good):
+            angle = np.interp(fine, place[good, family], sample.values[good])
         # Half as thick as the cloth each, and the room of one yarn stays that of one yarn.
-        cosine = np.maximum(np.cos(np.deg2rad(angle)), LEAST_COSINE)
+        cosine = np.maximum(np.cos(np.deg2rad(np.nan_to_num(angle))), LEAST_COSINE)
         wave = (1 - 2 * family) * np.cos(np.pi * (fine + line))
-        lines.append(
-            np.column_stack([_smooth(fine, along, after[rows]), 0.25 * height * wave / cosine])
-        )
+        curve = make_interp_spline(along, after[rows], k=min(3, len(rows) - 1))
+        lines.append(np.column_stack([curve(fine), 0.25 * height * wave / cosine]))
         halves.append(np.column_stack([WIDTH * sample.spacing * cosine, 0.25 * height / cosine]))
-        angles.append(angle if len(good) else np.full(len(fine), np.nan))
+        angles.append(angle)
     shown = np.ma.masked_invalid(np.concatenate(angles))
     return {
         "lines": np.concatenate(lines),
@@ -113,17 +106,10 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
     }
 
 
-def _smooth(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Smooth curve through points that may be two only."""
-    from scipy.interpolate import make_interp_spline
-
-    return make_interp_spline(known, values, k=min(3, len(known) - 1))(x)
-
-
 def _view(scene: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Parallel projection that shows all yarns and bars, their longer side from left to right."""
-    bars = scene["bars"].reshape(-1, 2)
-    points = np.concatenate([scene["lines"], np.column_stack([bars, np.zeros(len(bars))])])
+    bars = np.pad(scene["bars"].reshape(-1, 2), ((0, 0), (0, 1)))
+    points = np.concatenate([scene["lines"], bars])
     across = np.ptp(points[:, 1]) > np.ptp(points[:, 0])
     azimuth = -TURN if across else -0.5 * np.pi - TURN
     flat = np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -200,7 +186,9 @@ def _page(
     axes.imshow(image, extent=(0.0, extent[0], 0.0, extent[1]), interpolation="antialiased")
     axes.set_axis_off()
     # Level lines in the picture are level in the plane of the cloth, and not foreshortened.
-    length, left = _round_length(0.2 * extent.max()), 0.01 * extent[0]
+    left, longest = 0.01 * extent[0], 0.2 * extent.max()
+    lengths = np.array([1.0, 2.0, 5.0]) * 10.0 ** np.floor(np.log10(longest))
+    length = lengths[lengths <= longest].max()
     axes.plot([left, left + length], [0.0, 0.0], "k", linewidth=2.0, clip_on=False)
     axes.annotate(f"{length:g} mm", (left, 0.0), (0, 4), textcoords="offset points", fontsize=9)
     axes.set(xlim=(0.0, extent[0]), ylim=(0.0, extent[1]))
@@ -210,9 +198,3 @@ def _page(
         note = f"each yarn drawn stands for {every}; heights {every} times as large"
         figure.text(0.01, -0.01, note, va="top", fontsize=8, color="0.35")
     return figure
-
-
-def _round_length(most: float) -> float:
-    """Largest of 1, 2, 5, 10, 20 ... that is not more."""
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= most))

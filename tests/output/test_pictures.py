@@ -211,7 +211,7 @@ def test_clamps_of_kinds(small):
 
 def test_note_of_what_is_left_out(finite):
     sample = sample_yarns(finite.network, finite.node_displacement, finite.fields, limit=20)
-    figure = made(lambda: pictures.yarns([("", sample, [])]))
+    figure = made(lambda: pictures.yarns([("", sample, np.empty((0, 2, 2)))]))
     assert f"1 in {sample.every} yarns drawn" in [text.get_text() for text in figure.texts]
 
 

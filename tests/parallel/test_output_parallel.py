@@ -190,7 +190,7 @@ def test_errors_reach_every_rank(tmp_path, result):
 def test_pictures_need_their_data_on_rank_0_only(tmp_path, result):
     sample = sample_yarns(result.network, result.node_displacement, result.fields)
     shear = sample_map(result.network, {"network": result.fields["shear_angle"]})
-    pictures.save(COMM, tmp_path / "yarns.png", pictures.yarns, [("", sample, [])])
+    pictures.save(COMM, tmp_path / "yarns.png", pictures.yarns, [("", sample, np.empty((0, 2, 2)))])
     pictures.save(COMM, tmp_path / "map.png", pictures.maps, shear)
     figures.scene(result, tmp_path / "scene.png")
     for name in ("yarns.png", "map.png", "scene.png"):
