@@ -98,22 +98,11 @@ def yarns(
     samples = [sample for _, sample, _ in panels]
     points = [s.after for s in samples] + [s.before for s in samples if before]
     thickness = bar_width(*bounds(points))
-<<<<<<< HEAD
-    # Bars lie outside of the cloth, on whichever side that is.
-    points += [bar_corners(a, b, thickness) for ends in edges for a, b in ends]
-    names = [name for name, _, _ in panels]
-    figure, axes, points_per_metre = _panels(*bounds(points), names)
-    colours = colour_scale([sample.values for sample in samples])
-    for panel, sample, ends in zip(axes, samples, edges, strict=True):
-        _add_yarns(panel, sample, colours, points_per_metre, before)
-        _add_clamps(panel, ends, thickness)
-=======
     bars = [bar_corners(clamps, thickness) for _, _, clamps in panels]
     points += [corners.reshape(-1, 2) for corners in bars]
-    figure, axes, points_per_metre = _panels(*bounds(points), len(panels))
+    figure, axes, points_per_metre = _panels(*bounds(points), [name for name, _, _ in panels])
     colours = colour_scale([sample.values for sample in samples])
-    for panel, (name, sample, clamps), corners in zip(axes, panels, bars, strict=True):
-        panel.set_title(name)
+    for panel, (_, sample, clamps), corners in zip(axes, panels, bars, strict=True):
         if before:
             lines = np.split(1e3 * sample.before, sample.first[1:])
             panel.add_collection(LineCollection(lines, colors="0.62", linewidths=0.5, zorder=1))
@@ -134,7 +123,6 @@ def yarns(
             panel.add_collection(hatched)
             edges = LineCollection(list(1e3 * clamps), colors="0.1", linewidths=1.4, zorder=4)
             panel.add_collection(edges)
->>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
     colour_bar(axes, colours, label)
     figure.suptitle(title)
     every = max(sample.every for sample in samples)
@@ -170,7 +158,6 @@ def maps(
     ``label`` is what they are; ``difference`` that of a third map, first less second value, with a
     scale of its own. ``share``: see `colour_scale`.
     """
-<<<<<<< HEAD
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
     if difference:
@@ -182,17 +169,6 @@ def maps(
         groups.append((axes[-1:], [less], colour_scale([less], 0.99, centred=True), difference))
     for panels, of, colours, what in groups:
         for panel, value in zip(panels, of, strict=True):
-=======
-    names, values = [name.capitalize() for name in sample.values], list(sample.values.values())
-    figure, axes, _ = _panels(*bounds(sample.outline), len(values) + bool(difference))
-    groups = [(axes[: len(values)], names, values, colour_scale(values, share), label)]
-    if difference:
-        less, text = values[0] - values[1], f"{names[0]} minus {names[1].lower()}"
-        scale = colour_scale([less], 0.99, centred=True)
-        groups.append((axes[-1:], [text], [less], scale, difference))
-    for panels, titles, shown, colours, what in groups:
-        for panel, name, value in zip(panels, titles, shown, strict=True):
->>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
             _add_map(panel, sample, value, colours)
         colour_bar(panels, colours, what)
     figure.suptitle(title)
@@ -234,17 +210,10 @@ def _panels(
     width, height = size * inches_per_metre
     figure = Figure(figsize=(columns * width, height + 1.0))
     axes = figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
-<<<<<<< HEAD
-    for panel, title in zip(axes, titles, strict=True):
-        panel.set_aspect("equal")
-        panel.set_title(title)
-        panel.set(xlabel="x (mm)", xlim=1e3 * (middle[0] + 0.5 * size[0] * np.array([-1, 1])))
-        panel.set(ylim=1e3 * (middle[1] + 0.5 * size[1] * np.array([-1, 1])))
-=======
     x_limits, y_limits = 1e3 * (middle + 0.5 * size * np.array([[-1], [1]])).T
-    for panel in axes:
+    for panel, title in zip(axes, titles, strict=True):
+        panel.set_title(title)
         panel.set(aspect="equal", xlabel="x (mm)", xlim=x_limits, ylim=y_limits)
->>>>>>> 70081000a2bf9d8d8a06fbb619affca64d80cdb2
         panel.locator_params(axis="x", nbins=max(2, min(6, int(width / 0.6))), min_n_ticks=2)
         panel.tick_params(direction="out", length=3, color="0.5")
         panel.spines[:].set_color("0.75")
