@@ -181,7 +181,7 @@ def test_titles_wider_than_their_panels(finite):
     state = finite.states[-1]
     sample = sample_yarns(finite.network, state.node_displacement, state.fields)
     title = "a specimen at an extension of 100 mm"
-    figure = made(lambda: pictures.yarns([(title, sample, [])] * 3))
+    figure = made(lambda: pictures.yarns([(title, sample, np.zeros((0, 2, 2)))] * 3))
     *axes, _ = figure.axes
     figure.draw_without_rendering()
     spans = [panel.title.get_window_extent().intervalx for panel in axes]
