@@ -163,17 +163,19 @@ def _known_keys(model: type[Table], data: Any, path: Sequence[Any]) -> list[str]
     return model.keys()
 
 
-# What pydantic's types of error ask for, in plain words.
-_WANTED = {
-    "string_type": "a text in quotes",
-    "string_too_short": "a name that is not empty",
-    "bool_type": "true or false",
-    "int_type": "a whole number",
-    "greater_than_equal": "a whole number from 1 up",
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "list_type": "a list",
-    "model_type": "a table",
+# What pydantic's types of error mean, in plain words.
+_WORDS = {
+    "string_type": "must be a text in quotes, got {got}",
+    "string_too_short": "must be a name that is not empty, got {got}",
+    "bool_type": "must be true or false, got {got}",
+    "int_type": "must be a whole number, got {got}",
+    "greater_than_equal": "must be a whole number from 1 up, got {got}",
+    "less_than_equal": "must be at most {le}",
+    "float_type": "must be a number, got {got}",
+    "finite_number": "must be a finite number, got {got}",
+    "list_type": "must be a list, got {got}",
+    "model_type": "must be a table, got {got}",
+    "missing": "is missing",
 }
 
 
@@ -183,12 +185,8 @@ def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) 
     context = error.get("ctx", {})
     key = above + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
     key = key.removeprefix(".")
-    if kind in _WANTED:
-        return f"{key} must be {_WANTED[kind]}, got {got}"
-    if kind == "less_than_equal":
-        return f"{key} must be at most {context['le']}"
-    if kind == "missing":
-        return f"{key} is missing"
+    if kind in _WORDS:
+        return f"{key} {_WORDS[kind].format(got=got, **context)}"
     if kind == "value_error":  # one of ours, which may go on with the key
         words = str(context["error"])
         return f"{key}{words}" if words[0] in ".:" else f"{key} {words}"

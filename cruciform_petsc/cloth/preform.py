@@ -139,14 +139,8 @@ class Preform:
     ) -> Preform:
         """Cut a rectangle: x in [-width/2, width/2], y in [0, length].
 
-        Parameters
-        ----------
-        width, length, bias_angle : str or float
-            With a unit ("75 mm", "45 deg") or in SI.
-        holes : sequence of sequences of pairs
-            Corners of each hole, with units or in metres.
-        **options
-            ``refine``, ``yarns_per_cruciform``, ``origin``, ``edges``.
+        Lengths and the angle have a unit ("75 mm", "45 deg") or are in SI. ``holes`` are lists of
+        corners; options are ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
         """
         outline = {"rectangle": [width, length], "holes": holes}
         return cls._cut(outline, bias_angle, options)
@@ -159,15 +153,7 @@ class Preform:
         bias_angle: Length = "45 deg",
         **options: Any,
     ) -> Preform:
-        """Cut any simple polygon, with holes.
-
-        Parameters
-        ----------
-        points : sequence of pairs
-            Corners in order, with units or in metres; need not be closed.
-        holes, bias_angle, **options
-            As for `rectangle`.
-        """
+        """Cut any simple polygon by its corners in order; all else as for `rectangle`."""
         return cls._cut({"polygon": points, "holes": holes}, bias_angle, options)
 
     @classmethod

@@ -195,19 +195,12 @@ class Experiment:
         return told
 
     def solve(
-        self,
-        accepted: Callable[[Increment], None] | None = None,
-        keeper: Keeper | None = None,
+        self, accepted: Callable[[Increment], None] | None = None, keeper: Keeper | None = None
     ) -> TestResult:
         """Solve and measure. Collective.
 
-        Parameters
-        ----------
-        accepted : callable, optional
-            Finite deformation: called with each accepted Increment.
-        keeper : Keeper, optional
-            Finite deformation: a checkpoint, kept up to date at every increment; from one opened
-            from files the test goes on.
+        At finite deformation ``accepted`` is called with each accepted Increment, and ``keeper`` is
+        a checkpoint, kept up to date at each; from one opened from files the test goes on.
 
         Raises
         ------

@@ -10,14 +10,8 @@ def net_angle(displacement: np.ndarray, gauge: float) -> np.ndarray:
     """Shear angle in the middle of a strip of an inextensible net, rad; NaN beyond its reach.
 
     90deg - 2 arccos((L0 + d)/(sqrt(2) L0)), Cao et al. 2008, Composites A 39:1037, eq. 12, for a
-    strip of length H >= 2 W and width W cut at 45 degrees, gripped at both ends.
-
-    Parameters
-    ----------
-    displacement : float (n,)
-        Of one clamp from the other, d, m.
-    gauge : float
-        L0 = H - W, m.
+    strip of length H >= 2 W and width W cut at 45 degrees, gripped at both ends: displacement d
+    (n,) of one clamp from the other, gauge length L0 = H - W, m.
     """
     cosine = (gauge + np.asarray(displacement, float)) / (np.sqrt(2.0) * gauge)
     return 0.5 * np.pi - 2.0 * np.arccos(np.where(cosine <= 1.0, cosine, np.nan))

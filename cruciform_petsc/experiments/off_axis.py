@@ -77,9 +77,7 @@ class OffAxisTension(BiasExtension):
         moved = np.flatnonzero(result.controls)
         if not len(moved):
             return {}
-        strain, stress = (column[moved[0]] for column in self.extra_columns(result).values())
+        curve = self.extra_columns(result)
+        modulus = 100.0 * curve["stress_N_per_cm"][moved[0]] / curve["strain_percent"][moved[0]]
         kilby = self.network.fabric.off_axis_modulus(self.network.preform.bias_angle)
-        return {
-            "modulus_n_per_cm": float(100.0 * stress / strain),
-            "kilby_n_per_cm": float(kilby) / 100.0,
-        }
+        return {"modulus_n_per_cm": float(modulus), "kilby_n_per_cm": float(kilby) / 100.0}

@@ -25,18 +25,10 @@ ZONES = ("middle", "side", "clamp")
 
 
 class State:
-    """A deformed state of a network.
+    """A deformed state of a network, in SI.
 
-    Parameters
-    ----------
-    control, load : float
-        SI.
-    fields : dict, or callable that gives it
-        See LinearNetwork.crossover_fields.
-    node_displacement : float (n_local network nodes, 2), or callable that gives it
-        In x and y, m.
-    forces : dict of float (2,)
-        Force (x, y) that holds each gripped edge, N.
+    ``fields`` (see LinearNetwork.crossover_fields) and ``node_displacement`` (n_local network
+    nodes, 2) in x and y may be callables that give them; ``forces`` (x, y) hold the gripped edges.
     """
 
     def __init__(self, control, load, fields, node_displacement, forces=None):
@@ -82,20 +74,7 @@ class CentreLine(NamedTuple):
 
 @dataclass
 class TestResult:
-    """What a test gives; one value is that of the last state.
-
-    Attributes
-    ----------
-    states : list of State
-        One for each value asked for (fewer if the test ended early).
-    solver : SolverInfo or None
-        Of small displacements.
-    increments, unknowns, solver_types
-        Of finite deformation: the accepted increments, the number of unknowns, and PETSc's types
-        by "snes", "ksp" and "pc".
-    uncarried : dict or None
-        For the paper's separate systems: share of the load that each mode cannot carry.
-    """
+    """What a test gives; one value is that of the last state."""
 
     __test__ = False  # not a test for pytest
 
@@ -103,11 +82,16 @@ class TestResult:
     supports: Supports
     unknowns_per_node: int
     states: list[State]
+    """One for each value asked for (fewer if the test ended early)."""
     solver: SolverInfo | None = None
+    """Of small displacements."""
     increments: list[Increment] = field(default_factory=list)
+    """Of finite deformation: all that were accepted."""
     unknowns: int = 0
     solver_types: dict[str, str] = field(default_factory=dict)
+    """Of finite deformation: PETSc's types by "snes", "ksp" and "pc"."""
     uncarried: dict[str, float] | None = None
+    """For the paper's separate systems: share of the load that each mode cannot carry."""
 
     def __repr__(self) -> str:
         test, column = self.experiment, self.experiment.column
