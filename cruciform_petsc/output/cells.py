@@ -22,13 +22,8 @@ def lattice_cells(
     A cell with all four crossovers is one if all four pieces of yarn around it are whole. Where the
     outline has cut one crossover off, the other three make a triangle if both its legs are whole.
 
-    Parameters
-    ----------
-    network : Network
-    position : float (n_owned, 2)
-        Of this rank's crossovers now, m.
-    carrying : bool (n_owned,)
-    zone : int (n_owned,)
+    ``position`` (n_owned, 2) of this rank's crossovers now, m; whether they are ``carrying`` and in
+    which ``zone``, (n_owned,).
 
     Returns
     -------

@@ -39,9 +39,9 @@ def draw_all(
     summary: dict[str, Any],
     measured: MeasuredCurve | None = None,
 ) -> list[str]:
-    """Write every picture of a run into a folder; returns their names. Collective.
+    """Write every picture of a run (see `figures`) into a folder; returns their names. Collective.
 
-    See `figures`; title and ladder are those of the summary, which learns of uniform maps.
+    Title and ladder are those of the summary, which learns of uniform maps.
     """
     title = pictures.plain_text(summary["title"])
     ladder = summary.get("continuum", {}).get("ladder")
@@ -85,24 +85,14 @@ def figures(
 ) -> tuple[Drawn, dict[str, str]]:
     """Gather what every picture of a run shows. Collective.
 
-    Parameters
-    ----------
-    result : TestResult
-    title : str
-    without : TestResult, optional
-        The same without yarn bending.
-    membranes : sequence of MembraneResult or HyperelasticResult
-        For each state, or (small displacements) for the last one; may be empty.
-    ladder : sequence of dict, optional
-        Differences to the membrane for finer and finer networks.
-    measured : MeasuredCurve, optional
-        To be drawn over the load curve.
+    ``without`` is the same without yarn bending; ``membranes``, a MembraneResult or
+    HyperelasticResult for each state or (small displacements) for the last one; ``ladder``,
+    differences to the membrane for finer and finer networks; ``measured`` is drawn over the load.
 
     Returns
     -------
     drawn : dict of callables
-        What draws each picture, by the name of its file, in an order to read them in. To be called
-        on rank 0 only.
+        What draws each picture, on rank 0 only, by the name of its file; in an order to read them.
     uniform : dict of str
         By the same names: a sentence in place of a map that is the same all over.
     """

@@ -125,14 +125,14 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     tension = np.column_stack([fields["warp_tension"], fields["weft_tension"]])
     share = (network.arm_length / network.arm_length.sum(axis=1, keepdims=True))[crossover, arm]
     number, none = network.crossover_number_global, np.full(len(node), -1)
-    partition = slice(0, 1 if n else 0)
+    parts = min(n, 1)
     return {
-        "NumberOfPoints": np.array([len(rest)])[partition],
-        "NumberOfCells": np.array([len(ends)])[partition],
-        "NumberOfConnectivityIds": np.array([ends.size])[partition],
+        "NumberOfPoints": np.full(parts, len(rest)),
+        "NumberOfCells": np.full(parts, len(ends)),
+        "NumberOfConnectivityIds": np.full(parts, ends.size),
         "Points": np.pad(rest + moved, in_space),
         "Connectivity": ends.ravel(),
-        "Offsets": 2 * np.arange(len(ends) + 1 if n else 0),
+        "Offsets": 2 * np.arange(len(ends) + parts),
         "Types": np.full(len(ends), VTK_LINE, np.uint8),
         "PointData/displacement": np.pad(moved, in_space),
         "PointData/shear_angle_deg": np.concatenate([shear, shear_at_ends]).astype("f4"),
@@ -156,22 +156,10 @@ def _write_by_rank(
     notes: Notes,
     times: np.ndarray | None = None,
 ) -> None:
-    """Write a VTKHDF file in which every dataset is the ranks' arrays one after the other.
+    """Write a file in which every dataset is the ranks' arrays one after the other. Collective.
 
-    Collective. Ranks write at the same time where h5py can, else in turn. The file gets its name
-    when it is whole.
-
-    Parameters
-    ----------
-    comm : mpi4py communicator
-    path : str or Path
-    steps : iterator of dict of arrays (n, ...)
-        One for each time, made as it is needed: the same names, types and trailing shapes on every
-        rank; n may differ and be 0.
-    notes : dict
-        Attributes; the same on every rank.
-    times : float (m,), optional
-        Of a series: what changes is in the file once for each.
+    ``steps`` are made as they are needed, one for each of the ``times``: the same names, types and
+    trailing shapes on every rank. Ranks write at the same time where h5py can, else in turn.
     """
     import h5py
 

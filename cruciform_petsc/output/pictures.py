@@ -82,16 +82,9 @@ def yarns(
 ) -> Figure:
     """Draw yarns in the colours of their values, side by side in true scale: figures 6 and 9b.
 
-    Parameters
-    ----------
-    panels : sequence of (title, YarnSample, clamps)
-        Clamps are segments (n, 2, 2) with the cloth on their left, drawn as hatched bars.
-    title : str
-        Above all of them.
-    before : bool
-        Draw the yarns at rest too, thin and grey.
-    label : str
-        What the samples' values are. They have one colour scale.
+    Each panel has its title and clamps: segments (n, 2, 2) with the cloth on their left, drawn as
+    hatched bars. ``before``: the yarns at rest too, thin and grey. ``label`` tells what the values
+    are; they have one colour scale.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -289,21 +282,11 @@ def curves(
     marks: tuple[Values, Values] | None = None,
     guides: Curves | None = None,
 ) -> Figure:
-    """Draw lines (x, y) by their labels, to be told apart also where they lie on one another.
+    """Draw lines (x, y), to be told apart also where they lie on one another; labels of the axes.
 
-    Parameters
-    ----------
-    lines : dict of (x, y)
-    labels : (str, str)
-        Of the axes.
-    title : str
-    points : dict of (x, y), optional
-        Drawn as points only.
-    marks : (x, y), optional
-        Points of the first line to mark; by default all of each, if they are few.
-    guides : dict of (x, y), optional
-        Thin grey lines; those without a label are not in the legend. Lines are thin, too, as a
-        straight one between few points says nothing beside them.
+    ``points`` get no lines. ``marks`` are the points of the first line to mark: by default all of
+    each, if they are few. ``guides`` are thin and grey, those without a label not in the legend;
+    lines are thin beside them, as a straight one between few points says nothing there.
     """
     figure, (axes,) = _curve_axes([labels], title)
     points = points or {}
@@ -385,8 +368,7 @@ def convergence(
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 2e3 * low else (1.0,)))
         axis.set_major_formatter("{x:,.6g}")
         axis.set_minor_formatter("")
-    if len(differences) > 1:
-        axes.legend()
+    axes.legend()
     return figure
 
 

@@ -21,17 +21,10 @@ SMOOTH = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": 65
 def tubes(
     lines: np.ndarray, first: np.ndarray, half: np.ndarray, shades: np.ndarray
 ) -> pv.PolyData:
-    """Yarns as tubes of elliptic section, with their colours as "shades".
+    """Yarns as tubes of elliptic section, with their colours (n, 3) as "shades".
 
-    Parameters
-    ----------
-    lines : float (n, 3)
-        Points along all yarns, one yarn after the other.
-    first : int (m,)
-        Where each yarn begins.
-    half : float (n, 2)
-        Half a yarn's width in the plane, and half its height.
-    shades : uint8 (n, 3)
+    ``lines`` (n, 3) are points along all yarns, one yarn after the other; ``first`` (m,) is where
+    each begins; ``half`` (n, 2), half a yarn's width in the plane, and half its height.
     """
     # VTK's tubes are round: they are made about the flat lines, then lifted and flattened.
     rows = np.split(np.arange(len(lines)), first[1:])
@@ -53,13 +46,10 @@ def bar(corners: np.ndarray, height: float) -> pv.PolyData:
 def render(scene: dict[str, np.ndarray]) -> np.ndarray:
     """Draw on white in parallel projection; uint8 (height, width, 3), first row on top.
 
-    Parameters
-    ----------
-    scene : dict
-        ``lines``, ``first``, ``half`` and ``shades``: see `tubes`; ``bars`` (k, 4, 2), their
-        ``bar_height`` and ``bar_colour``; ``size`` (width, height) in pixels; ``focus`` (3,);
-        ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors; ``half_height`` of
-        what is seen. Lengths in any one unit.
+    The scene has ``lines``, ``first``, ``half`` and ``shades``: see `tubes`; ``bars`` (k, 4, 2),
+    their ``bar_height`` and ``bar_colour``; ``size`` (width, height) in pixels; ``focus`` (3,);
+    ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors; ``half_height`` of what
+    is seen. Lengths in any one unit.
     """
     plotter = pv.Plotter(off_screen=True, window_size=scene["size"].tolist(), lighting="none")
     plotter.background_color = "white"
@@ -84,13 +74,7 @@ def render(scene: dict[str, np.ndarray]) -> np.ndarray:
     return image
 
 
-def main() -> int:
-    """Draw one file into another."""
-    scene, image = sys.argv[1:]
-    with np.load(scene, allow_pickle=False) as data:
-        np.save(image, render(dict(data)))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    _, scene_file, image_file = sys.argv
+    with np.load(scene_file, allow_pickle=False) as data:
+        np.save(image_file, render(dict(data)))

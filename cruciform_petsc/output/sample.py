@@ -20,16 +20,14 @@ MAP_LIMIT = 20_000  # cells that can
 
 @dataclass
 class YarnSample:
-    """Yarns as polylines: the points of all of them, one yarn after the other.
+    """Yarns as polylines: the points of all of them, one yarn after the other; lengths in metres.
 
     Attributes
     ----------
-    before, after : float (n, 2)
-        Places at rest and now, metres.
-    lattice : float (n, 2)
-        Places (i, j) in the lattice.
+    before, after, lattice : float (n, 2)
+        Places at rest, now, and in the lattice (i, j).
     values : float (n,)
-        Of the points, for their colours; NaN where a crossover carries nothing.
+        For the points' colours; NaN where a crossover carries nothing.
     family : int8 (n,)
         0 warp, 1 weft.
     first : int64 (m,)
@@ -37,7 +35,7 @@ class YarnSample:
     every : int
         One in so many yarns was taken.
     spacing : float
-        Mean distance between those, metres.
+        Mean distance between those.
     """
 
     before: np.ndarray
@@ -52,28 +50,25 @@ class YarnSample:
     @property
     def segment(self) -> np.ndarray:
         """Pairs of points that are joined by a piece of yarn, int64 (s, 2)."""
-        joined = np.ones(len(self.before), bool)
-        joined[self.first] = False
-        end = np.flatnonzero(joined)
+        end = np.delete(np.arange(len(self.before)), self.first)
         return np.column_stack([end - 1, end])
 
 
 @dataclass
 class MapSample:
-    """Values on the cells of the lattice, or on blocks of cells.
+    """Values on the cells of the lattice at rest, or on blocks of cells; lengths in metres.
 
     Attributes
     ----------
     centre : float (m, 2)
-        Metres, before the deformation.
     sides : float (2, 2)
-        The two sides of a cell, along warp and weft, as vectors; metres.
+        The two sides of a cell, along warp and weft, as vectors.
     values : dict of float (m,)
         Means over the crossovers of each block; NaN where none has a value.
     at_outline : bool (m,)
         Cells that the outline may cut.
     outline : list of float (k, 2)
-        Closed rings, metres: the exterior, then the holes.
+        Closed rings: the exterior, then the holes.
     """
 
     centre: np.ndarray
@@ -83,7 +78,7 @@ class MapSample:
     outline: list[np.ndarray]
 
     def cells(self, size: float = 1.0) -> np.ndarray:
-        """Corners of the cells blown up by ``size``, float (m, 4, 2), metres."""
+        """Corners of the cells blown up by ``size``, float (m, 4, 2)."""
         corner = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
         return self.centre[:, None] + size * corner @ self.sides
 
@@ -95,7 +90,7 @@ def sample_yarns(
     limit: int = YARN_LIMIT,
     values: Sequence[np.ndarray] | None = None,
 ) -> YarnSample | None:
-    """Gather yarns, or every k-th of them, on rank 0. Collective.
+    """Gather yarns, or every k-th of them, on rank 0; None on the others. Collective.
 
     Parameters
     ----------
@@ -103,28 +98,23 @@ def sample_yarns(
     node_displacement : float (n_local, 2)
         In x and y, metres, ghosts filled.
     fields : dict
-        ``displacement``, ``shear_angle`` and ``carrying`` at this rank's crossovers, see
-        LinearNetwork.crossover_fields.
+        Of this rank's crossovers, see LinearNetwork.crossover_fields.
     limit : int
         Each family's yarns are taken with about so many crossovers.
     values : two of float (n,), optional
         Of warp and weft at the crossovers; by default the shear angle in degrees, of both.
-
-    Returns
-    -------
-    YarnSample on rank 0, None on the others.
     """
     if values is None:
         values = 2 * [np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)]
-    crossover = [network.crossover_position, fields["displacement"], *values]
-    node = [network.node_position, node_displacement, *(node_means(network, v) for v in values)]
-    table = np.concatenate([np.column_stack(crossover), np.column_stack(node)])
+    rest = np.concatenate([network.crossover_position, network.node_position])
+    moved = np.concatenate([fields["displacement"], node_displacement])
     every = _stride(network, limit)
     own = []
-    for family in (0, 1):
-        points = _points(network, family, every)
-        columns = table[points[:, 3]][:, [0, 1, 2, 3, 4 + family]]
-        own.append(np.column_stack([np.full(len(points), family), points[:, :3], columns]))
+    for family, of_crossovers in enumerate(values):
+        value = np.concatenate([of_crossovers, node_means(network, of_crossovers)])
+        *order, point = _points(network, family, every)
+        families = np.full(len(point), family)
+        own.append(np.column_stack([families, *order, rest[point], moved[point], value[point]]))
     gathered = network.comm.gather(np.concatenate(own))
     if gathered is None:
         return None
@@ -144,13 +134,10 @@ def sample_yarns(
 
 
 def _points(network: Network, family: int, every: int) -> np.ndarray:
-    """What is taken of one family's yarns: crossovers and arm ends. Not collective.
+    """What is taken of one family's yarns: crossovers and arm ends, int64 (4, n).
 
-    Returns
-    -------
-    int64 (n, 4)
-        Line of the yarn, place along it in quarters of a pitch (as in Network.node_key), whether a
-        yarn begins there; and the crossover, or the local node after all of this rank's crossovers.
+    Line of the yarn, place along it in quarters of a pitch (as in Network.node_key), whether a
+    yarn begins there; and the crossover, or the local node after all of this rank's crossovers.
     """
     ij, count = network.crossover_ij.astype(np.int64), network.num_crossovers_owned
     line, along = ij[:, 1 - family], ij[:, family]
@@ -165,43 +152,34 @@ def _points(network: Network, family: int, every: int) -> np.ndarray:
         (chosen & ~after & has_after, 1, False, node_after),
         (chosen & after & (every == 1), 2, False, node_after),
     ]
-    rows = [
-        np.column_stack(np.broadcast_arrays(line, 4 * along + shift, begins, point))[taken]
+    columns = [
+        np.array(np.broadcast_arrays(line, 4 * along + shift, begins, point))[:, taken]
         for taken, shift, begins, point in parts
     ]
-    return np.concatenate(rows)
+    return np.concatenate(columns, axis=1)
 
 
 def sample_map(
     network: Network, values: Mapping[str, np.ndarray], limit: int = MAP_LIMIT
 ) -> MapSample | None:
-    """Gather values at the crossovers, or their means over blocks, on rank 0. Collective.
+    """Gather values at the crossovers, or means over blocks, on rank 0; None on others. Collective.
 
-    Parameters
-    ----------
-    network : Network
-    values : dict of float (n_owned,)
-        By name, on this rank's crossovers; entries that are not finite are left out of the means.
-    limit : int
-        Number of blocks, beside some more at the outline.
-
-    Returns
-    -------
-    MapSample on rank 0, None on the others.
+    ``values`` (n_owned,) by name; those that are not finite are left out of the means. There are
+    up to ``limit`` blocks, and some more at the outline.
     """
     ij = network.crossover_ij.astype(np.int64)
     cut = np.zeros(len(ij), bool)
     cut[network.boundary_crossovers] = True
-    given = np.column_stack(list(values.values()))
-    good = np.isfinite(given)
-    columns = np.column_stack([np.ones(len(ij)), cut, good, np.where(good, given, 0.0)])
+    table = np.column_stack(list(values.values()))
+    good = np.isfinite(table)
+    columns = np.column_stack([np.ones(len(ij)), cut, good, np.where(good, table, 0.0)])
     every = _stride(network, limit)
     gathered = network.comm.gather(_summed(ij // every, columns))
     if gathered is None:
         return None
     block, total = _summed(*(np.concatenate(part) for part in zip(*gathered, strict=True)))
     count, sums = np.split(total[:, 2:], 2, axis=1)
-    mean = np.divide(sums, count, out=np.full(sums.shape, np.nan), where=count > 0)
+    mean = _mean(sums, count)
     sides, outline = network.to_lab(np.diag(network.pitch)), network.preform.outline
     return MapSample(
         centre=(every * block + 0.5 * (every - 1)) @ sides + network.preform.lattice_origin,
@@ -221,10 +199,10 @@ def _summed(block: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def node_means(network: Network, values: np.ndarray) -> np.ndarray:
-    """Mean at each local node over the crossovers whose arms end there. Collective.
+    """Mean (n_local,) at the nodes over the crossovers whose arms end there. Collective.
 
-    Values (n_owned,) that are not finite are left out; (n_local,), NaN where none is left. The
-    same on every rank that knows the node.
+    Values (n_owned,) that are not finite are left out, NaN where none is left. The same on every
+    rank that knows the node.
     """
     total = np.zeros((network.num_nodes_local, 2))
     good = np.isfinite(values)
@@ -232,8 +210,12 @@ def node_means(network: Network, values: np.ndarray) -> np.ndarray:
         total[:, 0] += np.bincount(node, weights=values[good], minlength=len(total))
         total[:, 1] += np.bincount(node, minlength=len(total))
     network.halo.share(total)
-    mean = np.full(len(total), np.nan)
-    return np.divide(total[:, 0], total[:, 1], out=mean, where=total[:, 1] > 0)
+    return _mean(*total.T)
+
+
+def _mean(total: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """NaN of none."""
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
 def _stride(network: Network, limit: int) -> int:

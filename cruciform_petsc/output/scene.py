@@ -43,22 +43,9 @@ def woven(
     """Draw the deformed yarns as tubes in the colours of their values. Not collective.
 
     Yarns get narrower and thicker where the cloth shears, as they have less room there. Of a large
-    network the yarns of the sample stand for several each, and are so much thicker.
-
-    Parameters
-    ----------
-    sample : YarnSample
-        Values in degrees.
-    clamps : float (n, 2, 2)
-        Segments to draw as bars, the cloth on their left.
-    thickness : float, optional
-        Of the cloth, m.
-    title : str
-
-    Raises
-    ------
-    InputError
-        Nothing here can render.
+    network the yarns of the sample stand for several each, and are so much thicker. Values are in
+    degrees, the cloth's thickness in m; ``clamps`` are segments (n, 2, 2) to draw as bars, the
+    cloth on their left. InputError if nothing here can render.
     """
     height = thickness * sample.every if thickness else THICKNESS * sample.spacing
     colours = pictures.colour_scale([sample.values])
