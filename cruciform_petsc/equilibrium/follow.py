@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import EquilibriumError
 from ..units import format_si
+from .lagged import settle
 from .newton import Equilibrium
 from .stages import Stage, Step
 from .state import Found, State
@@ -94,7 +95,7 @@ def follow(
             control, guess = aim.next(last, min(aim.most, path.allowed or aim.most))
             change = abs(control - last.time)
             try:
-                found = equilibrium.solve(guess.at(*_held(stage, control)))
+                found = settle(equilibrium, guess.at(*_held(stage, control)))
             except EquilibriumError:
                 cuts += 1
                 path.allowed = 0.5 * change

@@ -85,6 +85,19 @@ class Item:
         for begin in range(0, max(len(self.nodes), 1), CHUNK):
             yield slice(begin, begin + CHUNK)
 
+    def lagged(self, state: Placed) -> tuple[Mapping[str, np.ndarray], float, float]:
+        """What the item takes as given while equilibrium is sought, as it is at a state.
+
+        Returns
+        -------
+        memory : mapping
+            To seek equilibrium with again.
+        change, size : float
+            Forces of this rank's elements, N: by how much those taken as given were wrong, and
+            their sum.
+        """
+        return state.memory.get(self.name, {}), 0.0, 0.0
+
     def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
         """What to remember of a state that was accepted: arrays over local nodes."""
         return {}
