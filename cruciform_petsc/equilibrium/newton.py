@@ -21,6 +21,7 @@ from ..errors import EquilibriumError, InputError, SolverError
 from ..solvers.callbacks import callback, calling_back
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
+from .search import step_length
 from .state import Found, State
 from .tangents import prepare, tangent_settings
 
@@ -226,38 +227,21 @@ class Equilibrium:
         return slope
 
     def _length(self, vector, step, energy: float, slope: float) -> float:
-        """How much of the step to take: the energy falls, or forces along it do near the end."""
+        """How much of the step to take."""
         model, trial = self.model, vector.duplicate()
-        length = min(1.0, self.longest_step / max(step.norm(PETSc.NormType.INFINITY), 1e-300))
-        # The energy may rise to that of the last few steps (Grippo, Lampariello and Lucidi 1986):
-        # tensions foretold run ahead of it while stiff yarns turn.
-        self._recent = [*self._recent[-MEMORY:], energy]
-        highest = max(self._recent) if self.foretell else energy
-        fall = 1e-4 if self.foretell else 0.1
-        # Near equilibrium differences of energies are rounding; then the slope alone tells.
-        noise = 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
-        for _ in range(25):
+        down = step.getArray(readonly=True)
+
+        def at(length: float) -> tuple[float, float]:
             trial.waxpy(-length, step, vector)
             there = self._evaluate(trial)
-            along = float(there.gradient @ step.getArray(readonly=True))
-            along = model.comm.allreduce(along)  # minus the slope of the energy there
-            if np.isfinite(there.energy):
-                flatter = self.foretell or -along <= 0.9 * slope
-                if there.energy <= highest - fall * length * slope and flatter:
-                    break
-                if there.energy <= energy + noise and abs(along) <= 0.9 * slope:
-                    break
-                # Minimum of the cubic with the values and slopes at both ends (Nocedal and Wright
-                # 2006, Numerical Optimization, eq. 3.59).
-                d1 = -slope - along - 3.0 * (energy - there.energy) / -length
-                root = d1 * d1 - slope * along
-                root = np.sqrt(root) if root > 0.0 else 0.0
-                better = length - length * (-along + root - d1) / (-along + slope + 2.0 * root)
-                if not np.isfinite(better):
-                    better = 0.3 * length
-                length = float(np.clip(better, 0.1 * length, 0.6 * length))
-            else:
-                length *= 0.2
+            return there.energy, model.comm.allreduce(float(there.gradient @ down))
+
+        first = min(1.0, self.longest_step / max(step.norm(PETSc.NormType.INFINITY), 1e-300))
+        self._recent = [*self._recent[-MEMORY:], energy]
+        # Near equilibrium differences of energies are rounding; then the slope alone tells.
+        noise = 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
+        highest = max(self._recent) if self.foretell else None
+        length = step_length(at, energy, slope, first, noise, highest)
         trial.destroy()
         return length
 
