@@ -14,8 +14,6 @@ from scipy import ndimage
 
 from .facets import Body, pairs, vectors
 
-BAND = 4.0  # cells from the surface, within which distances are exact
-
 
 @numba.njit(cache=True, error_model="numpy")
 def _closest(p, a, b, c, point):
@@ -123,10 +121,12 @@ def _signed(points, triangles, normal, at_edge, at_corner, origin, cell, facet, 
                 distance[i, j, m] = np.sqrt(away) if side >= 0.0 else -np.sqrt(away)
 
 
-def sample(body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float) -> np.ndarray:
+def sample(
+    body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float, band: float
+) -> np.ndarray:
     """Signed distance to a body at the points of a grid, float `shape`, m.
 
-    Exact within BAND cells of the surface. Beyond, it is that to the facet closest to the nearest
+    Exact within `band` [m] of the surface. Beyond, it is that to the facet closest to the nearest
     grid point of the band: the truth or at most a cell more.
     """
     area = vectors(body.points, body.triangles)
@@ -144,7 +144,7 @@ def sample(body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float) 
         np.add.at(at_corner, triangles[:, k], angle[:, None] * normal)
     distance: np.ndarray = np.full(shape, np.inf)
     facet: np.ndarray = np.full(shape, -1, np.int32)
-    _nearest(body.points, triangles, origin, cell, BAND * cell, distance, facet)
+    _nearest(body.points, triangles, origin, cell, band, distance, facet)
     far = facet < 0
     nearest = ndimage.distance_transform_edt(far, return_distances=False, return_indices=True)
     facet = facet[tuple(nearest)]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -131,8 +130,7 @@ def _vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     except ImportError:
         raise InputError(f'"{path}" is read by VTK, which is missing here') from None
     kind = path.suffix.lower()
-    if kind == ".stl":
-        _check_stl(path)
+    {".stl": _check_stl, ".ply": _check_ply}.get(kind, lambda path: None)(path)
     reader = {".stl": vtkSTLReader, ".obj": vtkOBJReader, ".ply": vtkPLYReader}[kind]()
     problems: list[str] = []
     triangulate = vtkTriangleFilter()
@@ -145,8 +143,6 @@ def _vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     triangulate.PassLinesOff()
     triangulate.Update()
     data = triangulate.GetOutput()
-    if kind == ".ply" and reader.GetOutput().GetNumberOfPolys() < _faces_of_ply(path):
-        problems.append("cut off")
     if problems or data.GetNumberOfPolys() == 0:
         raise InputError(f'"{path}" is no {kind[1:].upper()} file, is cut off or has no facets')
     cells = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
@@ -174,11 +170,25 @@ def _check_stl(path: Path) -> None:
             raise InputError(f'"{path}" is cut off: an STL file in text ends with "endsolid"')
 
 
-def _faces_of_ply(path: Path) -> int:
-    """How many facets a PLY file's head tells of; VTK takes what there is."""
-    with open(path, "rb") as file:
-        match = re.search(rb"element\s+face\s+(\d+)", file.read(65536))
-    return int(match[1]) if match else 0
+def _check_ply(path: Path) -> None:
+    """A PLY file's head tells what follows; VTK takes what there is."""
+    data = path.read_bytes()
+    head, end, body = data.partition(b"end_header")
+    sizes = {b"char": 1, b"short": 2, b"int": 4, b"float": 4, b"double": 8, b"int8": 1}
+    sizes |= {b"int16": 2, b"int32": 4, b"float32": 4, b"float64": 8}
+    bytes_least = lines = count = 0
+    for words in map(bytes.split, head.splitlines()):
+        if words[:1] == [b"element"] and len(words) == 3 and words[2].isdigit():
+            count = int(words[2])
+            lines += count
+        elif words[:1] == [b"property"] and len(words) > 2:
+            each = [sizes.get(word.removeprefix(b"u"), 1) for word in words[1:-1]]
+            bytes_least += count * (each[1] + 3 * each[2] if words[1] == b"list" else each[0])
+    least, there = bytes_least, len(body)
+    if b"ascii" in head:
+        least, there = lines, len(body.split(b"\n")) - 1
+    if not end or there < least:
+        raise InputError(f'"{path}" is no PLY file, or is cut off')
 
 
 def _heights(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -349,8 +359,8 @@ def checked(path: str, points: np.ndarray, triangles: np.ndarray, side: str | No
         percent = 100.0 * size[away].sum() / size.sum()
         raise InputError(
             f'"{path}" is an open skin of which {percent:.2g} % faces away from side = "{side}", '
-            f"for example at {_at(points[triangles[worst]].mean(axis=0))}: name another side, or cut "
-            "that part off"
+            f"for example at {_at(points[triangles[worst]].mean(axis=0))}: name another side, or "
+            "cut that part off"
         )
     return Body(points, np.ascontiguousarray(triangles), len(triangles), axis, towards)
 
@@ -411,6 +421,7 @@ def radii(body: Body, least: float) -> tuple[float, float]:
             return math.inf
         order = np.argsort(radius[chosen])
         share = np.cumsum(length[chosen][order])
-        return float(radius[chosen][order][np.searchsorted(share, 5e-3 * share[-1])])
+        number = np.searchsorted(share, 5e-3 * length.sum())
+        return float(radius[chosen][order][number]) if number < len(order) else math.inf
 
     return smallest(~hollow), smallest(hollow)

@@ -243,7 +243,7 @@ class Profile(Surface):
         self.closest_radius = (min(bulging), min(hollow))
         self._drawn = drawn
 
-    def look(self, points: np.ndarray, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray) -> Look:
         """See Surface.look. Exact everywhere."""
         n = len(points)
         out = np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3))

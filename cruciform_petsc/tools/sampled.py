@@ -21,14 +21,15 @@ from scipy import ndimage
 
 from ..errors import InputError
 from ..units import format_si
-from .distance import BAND, read_spline, sample, worst_jump
+from .distance import read_spline, sample, worst_jump
 from .facets import SIDES, Body, checked, height_facets, radii, read
 from .surface import Facets, Look, Surface
 
 CELLS = 256  # along the longest side, by default
 MOST_POINTS = 4_000_000  # of a grid by default: 32 MB on each rank
 _LIMIT = 128_000_000  # of any: 1 GB
-_MARGIN = 6  # cells around the surface
+REACH = 2e-3  # m from the surface, within which distances are exact by default
+_BAND = 4  # cells, the least of that, which interpolation takes
 _DOUBTFUL = 1.25  # cells: a jump of the sign that is more than rounding
 _VERSION = 1  # of what the cache holds: a change here makes new ones
 
@@ -42,7 +43,7 @@ class Sampled(Surface):
         Of the cubic B-spline, m.
     origin : float (3,)
         The grid's first point, m.
-    cell : float, m
+    cell, reach : float, m
     points, triangles
         The facets, for pictures: float (m, 3), m, and int32 (k, 3).
     axis, towards
@@ -52,8 +53,19 @@ class Sampled(Surface):
     """
 
     def __init__(
-        self, coefficients, origin, cell, points, triangles, axis, towards, closest_radius, remarks
+        self,
+        coefficients,
+        origin,
+        cell,
+        reach,
+        points,
+        triangles,
+        axis,
+        towards,
+        closest_radius,
+        remarks,
     ):
+        self.reach = float(reach)
         self._coefficients, self._origin, self.cell = coefficients, origin, float(cell)
         self._facets = points, triangles
         self._axis, self._towards = int(axis), float(towards)
@@ -63,10 +75,10 @@ class Sampled(Surface):
         shape = np.array(coefficients.shape)
         self._low, self._high = origin + cell, origin + (shape - 2) * cell
 
-    def look(self, points: np.ndarray, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray) -> Look:
         """See Surface.look; the normal is the distance's gradient, of about unit length.
 
-        Beyond the grid, six cells from the surface, it is the distance to a box around the tool.
+        Beyond the grid, which ends farther than `reach` from the tool, it is that to a box around it.
         """
         points = np.array(points, float)
         if self._axis >= 0:  # behind, a skin goes on as it is
@@ -111,29 +123,33 @@ class Sampled(Surface):
         return self._facets
 
     @classmethod
-    def of_body(cls, body: Body, cell: float | None = None, name: str = "the surface") -> Sampled:
+    def of_body(
+        cls,
+        body: Body,
+        cell: float | None = None,
+        reach: float = REACH,
+        name: str = "the surface",
+    ) -> Sampled:
         """Sample a body.
 
-        `cell` [m] by default: the longest side over 256, more where the grid would take over 32 MB.
+        `cell` [m] by default: the longest side over 256, more where the grid would take over 32 MB;
+        `reach` [m]: how far from the surface distances are wanted exactly.
         Raises InputError for a grid of more than 1 GB, and for facets that cross each other.
         """
         low, high = body.points.min(axis=0), body.points.max(axis=0)
         size = high - low
         if cell is None:
-            cell = float(size.max()) / CELLS
-            while _count(size, cell).prod() > MOST_POINTS:
-                cell *= 1.02
-        if not cell > 0.0 or _count(size, cell).prod() > _LIMIT:
-            most = cell
-            while most > 0.0 and _count(size, most).prod() > _LIMIT:
-                most *= 1.02
+            cell = _coarser(size, float(size.max()) / CELLS, reach, MOST_POINTS)
+        most = _coarser(size, cell, reach, _LIMIT)
+        if most > cell:
             raise InputError(
                 f"cell = {format_si(cell, 'm')} makes a grid of over 1 GB for {name}, "
                 f"take at least {format_si(most, 'm')}"
             )
-        shape = tuple(int(n) for n in _count(size, cell))
+        shape = tuple(int(n) for n in _count(size, cell, reach))
         origin = 0.5 * (low + high) - 0.5 * (np.array(shape) - 1) * cell
-        distance = sample(body.with_rim((_MARGIN + BAND + 2) * cell), origin, shape, cell)
+        band = _band(cell, reach) * cell
+        distance = sample(body.with_rim(2.5 * band + 4.0 * cell), origin, shape, cell, band)
         jump, place = worst_jump(distance)
         if jump > _DOUBTFUL * cell:
             where = ", ".join(format_si(x, "m") for x in origin + cell * np.array(place))
@@ -144,16 +160,28 @@ class Sampled(Surface):
         coefficients = ndimage.spline_filter(distance, order=3, output=float)
         closest = radii(body, 0.1 * cell)
         surface = cls(
-            coefficients, origin, cell, body.points, body.triangles, body.axis, body.towards,
+            coefficients, origin, cell, reach, body.points, body.triangles, body.axis, body.towards,
             closest, (),
         )  # fmt: skip
         surface.remarks = _remarks(name, min(closest), cell)
         return surface
 
 
-def _count(size: np.ndarray, cell: float) -> np.ndarray:
+def _band(cell: float, reach: float) -> float:
+    """Cells to each side of the surface that are exact."""
+    return max(_BAND, math.ceil(reach / cell) + 2)
+
+
+def _count(size: np.ndarray, cell: float, reach: float) -> np.ndarray:
     """Points of a grid along x, y, z."""
-    return np.ceil(size / cell) + 2 * _MARGIN + 1
+    return np.ceil(size / cell) + 2 * (_band(cell, reach) + 2) + 1
+
+
+def _coarser(size: np.ndarray, cell: float, reach: float, most: int) -> float:
+    """The cell, or a larger one whose grid has at most so many points."""
+    while _count(size, cell, reach).prod() > most:
+        cell *= 1.02
+    return cell
 
 
 def _remarks(name: str, radius: float, cell: float) -> tuple[str, ...]:
@@ -168,7 +196,11 @@ def _remarks(name: str, radius: float, cell: float) -> tuple[str, ...]:
 
 
 def height_field(
-    height: Callable[[np.ndarray, np.ndarray], np.ndarray], x, y, cell: float | None = None
+    height: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    x,
+    y,
+    cell: float | None = None,
+    reach: float = REACH,
 ) -> Sampled:
     """The surface z = height(x, y) with the cloth above, sampled as if it came from a file.
 
@@ -178,13 +210,13 @@ def height_field(
     x, y : float (n,), (m,)
         Where it is asked, m; between, it is made of triangles, off by (step)^2/8 of its curvature.
         Beyond them it ends, with a wall.
-    cell : float, optional
-        Of the grid, m.
+    cell, reach
+        As of Sampled.of_body.
     """
     grid = np.meshgrid(np.asarray(x, float), np.asarray(y, float), indexing="ij")
     points = np.column_stack([part.ravel() for part in (*grid, height(*grid))])
     body = checked("height field", *height_facets(points), "+z")
-    return Sampled.of_body(body, cell, "the height field")
+    return Sampled.of_body(body, cell, reach, "the height field")
 
 
 def from_file(
@@ -192,6 +224,7 @@ def from_file(
     unit: float | None = None,
     side: str | None = None,
     cell: float | None = None,
+    reach: float = REACH,
     *,
     cache: bool = True,
 ) -> Sampled:
@@ -206,7 +239,7 @@ def from_file(
     side : str, optional
         Where the cloth lies. Closed bodies: "outside" (the default) or "inside". Open skins: "+x",
         "-x", "+y", "-y", "+z" or "-z", along which no part of them may lie behind another.
-    cell : float, optional
+    cell, reach : float, optional
         Of the grid, m; see Sampled.of_body.
     cache : bool
         Read the grid if it has been made before, else keep it. One that is damaged is made anew.
@@ -226,12 +259,12 @@ def from_file(
     places: list[Path] = []
     if cache:
         with contextlib.suppress(OSError):
-            places = _caches(path, repr((_VERSION, unit, side, cell)))
+            places = _caches(path, repr((_VERSION, unit, side, cell, reach)))
     for place in places:
         with contextlib.suppress(Exception):  # damaged in any way
             return _load(place)
     name = f'"{path}"'
-    surface = Sampled.of_body(checked(str(path), *read(path, unit), side), cell, name)
+    surface = Sampled.of_body(checked(str(path), *read(path, unit), side), cell, reach, name)
     for place in places:
         with contextlib.suppress(OSError):
             _save(surface, place)
@@ -265,6 +298,7 @@ def _save(surface: Sampled, place: Path) -> None:
                 coefficients=surface._coefficients,
                 origin=surface._origin,
                 cell=surface.cell,
+                reach=surface.reach,
                 points=points,
                 triangles=triangles,
                 axis=surface._axis,

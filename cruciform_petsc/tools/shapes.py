@@ -65,7 +65,7 @@ class Box(Surface):
         self._half, self._radius, self._centre = half, radius, np.asarray(centre, float)
         self.closest_radius = (radius, math.inf)
 
-    def look(self, points: np.ndarray, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray) -> Look:
         """See Surface.look. Exact everywhere."""
         n = len(points)
         out = np.empty(n), np.empty((n, 3)), np.empty((n, 3, 3))
@@ -176,13 +176,13 @@ class _Lying(Surface):
         )
         self.closest_radius = (edge, math.inf)
 
-    def look(self, points: np.ndarray, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray) -> Look:
         """See Surface.look. Exact everywhere."""
         points = np.asarray(points, float)
         end = np.where(points[:, 1] < 0.0, -1.0, 1.0)
         # (x, y, z) = (x', -+z', +-y'): the upright half is turned so that z' points to this end.
         upright = np.column_stack([points[:, 0], -end * points[:, 2], end * points[:, 1]])
-        distance, normal, curvature = self._half.look(upright, near)
+        distance, normal, curvature = self._half.look(upright)
         turn = np.zeros((len(points), 3, 3))
         turn[:, 0, 0], turn[:, 1, 2], turn[:, 2, 1] = 1.0, end, -end
         return (

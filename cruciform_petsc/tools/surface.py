@@ -24,23 +24,24 @@ class Surface(ABC):
         edge, infinite where there is none.
     cell : float
         How finely the surface is known; 0 of exact shapes.
+    reach : float
+        Distances up to this are exact, m; farther away they may be rough, and are larger than it.
     remarks : tuple of str
         What its user should know, a sentence each.
     """
 
     closest_radius: tuple[float, float] = (np.inf, np.inf)
     cell: float = 0.0
+    reach: float = np.inf
     remarks: tuple[str, ...] = ()
 
     @abstractmethod
-    def look(self, points: np.ndarray, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray) -> Look:
         """Signed distance, its gradient and its second derivatives.
 
         Parameters
         ----------
         points : float (n, 3)
-        near : float
-            Farther away than this any distance will do that is larger than `near`.
 
         Returns
         -------

@@ -19,7 +19,7 @@ from ..units import Quantity
 from . import shapes
 from .motion import Motion, Pose
 from .profile import Profile
-from .sampled import from_file
+from .sampled import REACH, from_file
 from .surface import Look, Surface, touch
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ class Tool:
     start: Pose = field(default_factory=Pose)
     placed: bool = True
 
-    def look(self, points: np.ndarray, pose: Pose, near: float = np.inf) -> Look:
+    def look(self, points: np.ndarray, pose: Pose) -> Look:
         """Distance, normal and curvature as of Surface.look, of points and in axes of the lab."""
-        distance, normal, curvature = self.surface.look(pose.to_tool(points), near)
+        distance, normal, curvature = self.surface.look(pose.to_tool(points))
         return distance, pose.vector_to_lab(normal), pose.matrix_to_lab(curvature)
 
     def touching(self, points: np.ndarray, axis: np.ndarray, gap: float) -> Tool:
@@ -344,10 +344,11 @@ class ShapeTable(Table):
                 raise ValueError(f'.side must be "+z" or "-z" of a {given[0]}, got "{self.side}"')
         return self
 
-    def build(self, folder: Path = Path()) -> Surface:
+    def build(self, folder: Path = Path(), reach: float = REACH) -> Surface:
         """Make the surface in the tool's frame; a file is looked for from the folder."""
         if self.file is not None:
-            return from_file(folder / self.file, _si(self.unit), self.side, _si(self.cell))
+            path = folder / self.file
+            return from_file(path, _si(self.unit), self.side, _si(self.cell), reach)
         return next(getattr(self, name) for name in SHAPES if getattr(self, name)).build()
 
 
@@ -370,16 +371,22 @@ class ToolTable(Table):
     friction: Friction = 0.0
     """Coulomb's coefficient between tool and cloth."""
 
-    def build(self, folder: Path = Path(), facing: Literal["+z", "-z"] = "+z") -> Tool:
+    def build(
+        self,
+        folder: Path = Path(),
+        facing: Literal["+z", "-z"] = "+z",
+        reach: float = REACH,
+    ) -> Tool:
         """Make the tool.
 
         ``folder`` is the case file's. ``facing`` is the side of a flat or a profile that says none:
-        "-z" for a tool that comes from above.
+        "-z" for a tool that comes from above. ``reach``: how far from a file's surface distances
+        are wanted exactly, m; more than the cloth's thickness.
 
         Raises InputError, which begins with the tool's name, as Profile, Box and from_file do.
         """
         try:
-            surface = self.shape.build(folder)
+            surface = self.shape.build(folder, reach)
         except InputError as error:
             raise InputError(f'tool "{self.name}": {error}') from None
         turn = np.eye(3)
