@@ -34,7 +34,10 @@ class Bends(Item):
         parts = [part for family in (0, 1) for part in _family(ply, family)]
         columns = [np.concatenate(part) for part in zip(*parts, strict=True)]
         nodes, self.length, self.in_plane, self.out_of_plane, self.crossover = columns[:5]
-        self._clamp, self._along = columns[5:]  # of clamped nodes or -1; at rest, towards the bend
+        # Of clamped nodes or -1; at rest, towards the bend; warp or weft
+        self._clamp, self._along, self._family = columns[5:]
+        curved = any(law.name != "linear" for law in ply.out_of_plane)
+        self._moment = ply.out_of_plane if curved else ()
         self.nodes = nodes.astype(np.int32)
 
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
@@ -45,8 +48,9 @@ class Bends(Item):
             turn = turns(state)[self._clamp[rows][at]]
             place[at, 0] -= unit(np.einsum("mij,mj->mi", turn, self._along[rows][at]))
         return bend.bends(
-            place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level
-        )
+            place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level,
+            moment=self._moment, family=self._family[rows],
+        )  # fmt: skip
 
 
 def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, along=None):
@@ -69,6 +73,7 @@ def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, 
         crossover,
         np.full(n, -1) if clamp is None else clamp,
         np.zeros((n, ply.dim)) if along is None else np.broadcast_to(along, (n, ply.dim)),
+        np.full(n, family),
     )
 
 
@@ -85,7 +90,7 @@ def _family(ply: PlyNodes, family: int) -> list[tuple]:
     yarn = fabric.warp if family == 0 else fabric.weft
     stiff = yarn.yarn_bending * yarn.yarns * width
     straightener = fabric.shear_modulus * network.pitch.prod() * network.pitch.mean()
-    out = ply.out_of_plane[family] * width
+    out = ply.out_of_plane[family].stiffness0 * width
     slaved = np.zeros(length.shape, bool)
     slaved[network.boundary_crossovers] = supports.slaved
     slaved = slaved[:, family] | slaved[:, family + 2]
@@ -97,6 +102,8 @@ def _family(ply: PlyNodes, family: int) -> list[tuple]:
         along_yarn = True
     held = constraints.held[network.arm_node]
     held = held & constraints.held_arm[network.arm_node, np.arange(4)]
+    # At a plane of symmetry, too, a direction is held: the plane's normal.
+    held |= constraints.mirrored_arm[network.arm_node, np.arange(4)]
     parts = []
 
     rows = np.flatnonzero(wanted & (length[:, family] > 0) & (length[:, family + 2] > 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..laws import Potential, linear
 from ..net.edges import Constraints
 from ..net.nodes import Nodes
 from ..net.supports import Supports, find_supports
@@ -19,11 +20,11 @@ class PlyNodes:
     ----------
     constraints : Constraints
         Edges as they are clamped, guided and loaded.
-    out_of_plane : (float, float), optional
-        Rigidity of warp and weft for bending out of the plane, per width, N m. The ply lies in
-        space then, its rest in the plane z = 0.
+    out_of_plane : pair of float or Potential, optional
+        Rigidity of warp and weft for bending out of the plane, per width, N m; or the moment per
+        width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
-        In space: hold z of all nodes.
+        In space: hold z of all nodes, not only on clamps and guides.
 
     Attributes
     ----------
@@ -41,13 +42,15 @@ class PlyNodes:
     def __init__(
         self,
         constraints: Constraints,
-        out_of_plane: tuple[float, float] | None = None,
+        out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
     ):
         self.constraints, self.network = constraints, constraints.network
         self.bending, self.comm = constraints.bending, constraints.network.comm
         self.dim = 2 if out_of_plane is None else 3
-        self.out_of_plane = out_of_plane or (0.0, 0.0)
+        self.out_of_plane = [
+            law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
+        ]
         self.supports: Supports = find_supports(constraints)
         self.nodes = Nodes(self.network, self.dim)
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
@@ -74,6 +77,7 @@ class PlyNodes:
         self.fixed[nodes.of_network_node, :2] = constraints.fixed[:, :2]
         if dim == 3:
             self.fixed[:, 2] = flat
+            self.fixed[nodes.of_network_node, 2] |= constraints.fixed_z
         nodes.halo.forward(self.fixed)
         self.clamped = np.flatnonzero(constraints.fixed[:, :2].any(axis=1))
         self.clamp_of = np.full(network.num_nodes_local, -1)
