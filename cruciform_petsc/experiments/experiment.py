@@ -20,7 +20,7 @@ from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
 from ..quantities import EXTENSION, Quantity
-from ..small.network import LinearNetwork
+from ..small.network import MODES, LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
@@ -125,6 +125,11 @@ class Experiment:
         cure = "choose a coarser pitch (refine, yarns_per_cruciform), a smaller outline or more"
         what = f"the network has {count} crossovers"
         check_memory(network.comm, each * count, what, f"{cure} machines")
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Modes of deformation that have a strain energy."""
+        return (*MODES, "out_of_plane_bending") if self.space else MODES
 
     # -- what a kind of test says ---------------------------------------------------------------
 

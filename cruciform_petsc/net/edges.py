@@ -85,7 +85,7 @@ class Constraints:
     def guide(self, edge: str, direction, displacement: float, in_plane=True) -> np.ndarray:
         """Move an edge along a direction (x, y) by metres, free across it. Collective.
 
-        In space it may leave the plane only if not ``in_plane``. Nodes that are clamped already stay
+        In space it leaves the plane only if not ``in_plane``. Nodes that are clamped already stay
         so; those that are guided along another direction, too, are held in both by the two
         displacements. Returns the local nodes.
         """
