@@ -29,10 +29,13 @@ if TYPE_CHECKING:
     from ..experiments.result import TestResult
 
 VTK_LINE = 3
-ENERGIES = ("tension_energy", "shear_energy", "bending_energy", "out_of_plane_bending_energy")
+ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
+IN_SPACE = "out_of_plane_bending_energy"
 # What the deformation changes.
 CHANGING = {"Points", "PointData/displacement", "PointData/shear_angle_deg"}
-CHANGING |= {f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES)}
+CHANGING |= {
+    f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES, IN_SPACE)
+}
 Notes = Mapping[str, Any]
 Arrays = Mapping[str, np.ndarray]
 
@@ -66,7 +69,8 @@ def write_state(
     Cell data: ``yarn_family`` (0 warp, 1 weft), ``strain`` of the arm, ``tension`` of its yarn
     family at the crossover (N/m), ``shear_angle_deg``, ``tension_energy``, ``shear_energy``,
     ``bending_energy``, in space ``out_of_plane_bending_energy`` (J; the crossover's, shared out by
-    arm length, so that sums over cells are the network's), ``crossover``, ``carrying`` (0: hangs on by one arm) and ``rank``.
+    arm length, so that sums over cells are the network's), ``crossover``, ``carrying`` (0: hangs on
+    by one arm) and ``rank``.
 
     Parameters
     ----------
@@ -145,8 +149,8 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
         "CellData/shear_angle_deg": shear[crossover].astype("f4"),
         **{
             f"CellData/{name}": (share * fields[name][crossover]).astype("f4")
-            for name in ENERGIES
-            if name in fields  # flat cloth has none out of its plane
+            for name in (*ENERGIES, IN_SPACE)
+            if name in fields
         },
         "CellData/crossover": number[crossover],
         "CellData/carrying": fields["carrying"][crossover].astype(np.uint8),

@@ -374,8 +374,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, finite, bending, increments, '
-            "extension)",
+            '[test] has the unknown key "load" (known: kind, finite, bending, space, imperfection, '
+            "increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
