@@ -54,22 +54,26 @@ class Bends(Item):
 
 
 def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, along=None):
-    """Bends that belong to crossovers ``rows``, as columns; ``following``: their second hinges."""
+    """Bends that belong to crossovers ``rows``, as columns; ``following``: their second hinges.
+
+    ``out`` (n_local,): rigidity out of the plane at hinges.
+    """
     n = len(rows)
+    hinge = ply.nodes.of_hinge[rows]
+    out = 0.5 * (out[hinge] + out[hinge if following is None else following])
     crossover = np.column_stack([rows, rows])
     family, before, at, after = points
     nodes = [before, at, after]
     if following is not None:
         crossover[:, 1] = ply.crossover_of[following]
     if ply.dim == 3:
-        hinge = ply.nodes.of_hinge[rows]
         nodes += [*ply.nodes.crossing[family, hinge].T]
         nodes += [*ply.nodes.crossing[family, hinge if following is None else following].T]
     return (
         np.column_stack(nodes),
         length,
         np.broadcast_to(np.asarray(in_plane, float), n),
-        np.broadcast_to(np.asarray(out, float), n),
+        out,
         crossover,
         np.full(n, -1) if clamp is None else clamp,
         np.zeros((n, ply.dim)) if along is None else np.broadcast_to(along, (n, ply.dim)),
@@ -90,7 +94,12 @@ def _family(ply: PlyNodes, family: int) -> list[tuple]:
     yarn = fabric.warp if family == 0 else fabric.weft
     stiff = yarn.yarn_bending * yarn.yarns * width
     straightener = fabric.shear_modulus * network.pitch.prod() * network.pitch.mean()
-    out = ply.out_of_plane[family].stiffness0 * width
+    # Out of the plane per width: at an edge, and on a plane of symmetry, of what there is of it.
+    along = length[:, family] + length[:, family + 2]
+    wide = network.quadrant_area.sum(axis=1) / np.where(along > 0, along, np.inf)
+    out = np.zeros(ply.nodes.num_nodes_local)
+    out[hinge] = ply.out_of_plane[family].stiffness0 * np.minimum(wide, width)
+    ply.nodes.halo.forward(out)
     slaved = np.zeros(length.shape, bool)
     slaved[network.boundary_crossovers] = supports.slaved
     slaved = slaved[:, family] | slaved[:, family + 2]

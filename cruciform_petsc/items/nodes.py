@@ -7,8 +7,9 @@ import numpy as np
 
 from ..laws import Potential, linear
 from ..net.edges import Constraints
+from ..net.lattice import QUADRANTS
 from ..net.nodes import Nodes
-from ..net.supports import Supports, find_supports
+from ..net.supports import Supports, find_supports, pass_on_loads
 from ..parallel import most
 from .item import Placed
 
@@ -121,6 +122,24 @@ class PlyNodes:
             place[at] += np.einsum("nji,nj->ni", nodes.frame[at], gap)
             turn[self.clamp_of[network_nodes], :2, :2] = gradient
         return nodes.halo.forward(place), turn  # hinges on a clamp may be ghosts elsewhere
+
+    def areas(self, at_hinge: float = 0.0) -> np.ndarray:
+        """Area of cloth at rest that each node stands for, (n_local,), m^2. Collective.
+
+        Each quadrant is shared out: ``at_hinge`` of it, and half of the rest to either arm's end
+        (with 0, as each quadrant's centre has it); the sum is the outline's area.
+        """
+        network, nodes, carrying = self.network, self.nodes, self.supports.carrying
+        share = at_hinge * carrying[:, None]
+        area = np.zeros((network.num_nodes_local, 1))
+        for arms in QUADRANTS.T:
+            at = network.arm_node[:, arms]
+            np.add.at(area[:, 0], at, 0.5 * (1.0 - share) * network.quadrant_area)
+        area = pass_on_loads(self.constraints, self.supports, network.halo.share(area))
+        whole = np.zeros(nodes.num_nodes_local)
+        whole[nodes.of_hinge] = (share * network.quadrant_area).sum(axis=1)
+        whole[nodes.of_network_node] += area[:, 0]
+        return nodes.halo.forward(whole)
 
     # -- results --------------------------------------------------------------------------------
 

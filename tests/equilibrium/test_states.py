@@ -239,14 +239,13 @@ def test_strip_over_an_edge():
         angle = cloth.rest[:, along] / radius
         x[:, along], x[:, 2] = radius * np.sin(angle), radius * (1 - np.cos(angle))
         energies = cloth.model.energies(replace(cloth.state(), x=x))
-        # Whole yarns, also where they are cut along; half a pitch is straight at free ends.
-        made, bends = cloth.network, cloth.ply.bends
-        rigidity *= made.pitch[1 - across]
-        curved = bends.length[np.isclose(bends.out_of_plane, rigidity)].sum()
-        yarns = (made.warp_yarns, made.weft_yarns)[across]
-        length = (yarns.end - yarns.start).sum() * made.pitch[across]
-        assert 0.8 * length < curved < length
-        expected = rigidity * curved / (2 * radius**2)
+        # At edges of what there is of the width; half a pitch is straight at free ends.
+        bends = cloth.ply.bends
+        ends = cloth.rest[bends.nodes[:, 2]] - cloth.rest[bends.nodes[:, 0]]
+        curved = np.flatnonzero(abs(ends[:, along]) > abs(ends[:, 1 - along]))
+        curved = (bends.out_of_plane * bends.length)[curved].sum()
+        assert 0.8 * 0.02 * 0.04 < curved / rigidity < 0.02 * 0.04
+        expected = curved / (2 * radius**2)
         assert energies["out_of_plane_bending"] == pytest.approx(expected, rel=3e-3)
         assert energies["bending"] < 1e-6 * expected
 
