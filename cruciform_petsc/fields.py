@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import core_schema
 
 from .errors import InputError, cut, shown
-from .units import Quantity
+from .units import MEASURES, Quantity
 
 _MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
 
@@ -39,6 +39,8 @@ class Of(_Read):
     """The unit by itself, as it stands over a column of numbers."""
     many: bool = False
     """One quantity or a list of them."""
+    other: str = ""
+    """SI unit of another dimension that may stand as well; the quantity's `unit` tells which."""
     good: Callable[[float], bool] | None = None
     """Whether a value may be; ``wanted`` tells which may."""
     wanted: str = ""
@@ -54,10 +56,18 @@ class Of(_Read):
         return [self._one(item, info, f"(value {i + 1}) ") for i, item in enumerate(value)]
 
     def _one(self, value: Any, info: Any, which: str = "") -> Quantity:
+        bare = bool(info.context)
         try:
-            quantity = Quantity.read(value, self.unit, column=self.column, bare=bool(info.context))
+            quantity = Quantity.read(value, self.unit, column=self.column, bare=bare)
         except ValueError as error:
-            raise ValueError(f"{which}{error}") from None
+            try:
+                quantity = Quantity.read(value, self.other or self.unit, column=self.column)
+            except ValueError:
+                also = ""
+                if self.other:
+                    kind, example, _ = MEASURES[self.other]
+                    also = f', nor {kind} like "{example}"'
+                raise ValueError(f"{which}{error}{also}") from None
         if self.good is not None and not self.good(quantity.si):
             raise ValueError(f'{which}must be {self.wanted}, got "{cut(quantity)}"')
         return quantity

@@ -55,6 +55,8 @@ MEASURES = {
     "N/m": ("a force per width", "520 N/cm", "N/cm"),
     "1/m": ("a number per length", "2.4 /cm", "/cm"),
     "N*m**2": ("a flexural rigidity", "0.6 N mm^2", "N mm^2"),
+    "N*m": ("a flexural rigidity per width", "0.2 N mm", "N mm"),
+    "N*m/m": ("a moment per width", "0.01 N mm/mm", "N mm/mm"),
     "rad": ("an angle", "45 deg", "deg"),
     "m": ("a length", "1 mm", "mm"),
     "N": ("a force", "2 N", "N"),

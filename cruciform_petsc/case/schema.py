@@ -234,6 +234,12 @@ class Case(Table):
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
+        for key, on in (
+            ("continuum.compare", self.continuum.compare),
+            ("output.exports", self.output.exports),
+        ):
+            if on and self.test.space:
+                raise InputError(f"{key} = true is for flat cloth, it needs test.space = false")
         if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
             raise InputError(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "

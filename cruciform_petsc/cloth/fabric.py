@@ -28,7 +28,7 @@ from ..errors import InputError, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import Quantity, format_si
+from ..units import MEASURES, Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
@@ -39,7 +39,7 @@ _SHEAR_LAWS = {
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
-# What only exports need, with its SI unit.
+# What not every test needs, with its SI unit.
 _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
 
@@ -55,6 +55,9 @@ class YarnFamily:
     """Yarns per length across them [1/m]."""
     yarn_bending: float = 0.0
     """In-plane flexural rigidity of one yarn [N m^2]."""
+    out_of_plane_bending: float | Potential | None = None
+    """Flexural rigidity of the cloth along these yarns for bending out of its plane, per width
+    [N m]; or a law of the moment per width [N] over the curvature [1/m]."""
 
     @property
     def spacing(self) -> float:
@@ -70,9 +73,9 @@ class Fabric:
     ------
     InputError
         Moduli, yarn counts, masses or thickness not positive, fibres of more volume than the cloth;
-        yarn bending negative, no reciprocity, nu_w nu_e >= 1; a law with another slope at rest than
-        its modulus, a tension law with Poisson's ratios; compression not in (0, 1], its width not
-        positive.
+        yarn bending negative, bending out of the plane not positive, no reciprocity,
+        nu_w nu_e >= 1; a law with another slope at rest than its modulus, a tension law with
+        Poisson's ratios; compression not in (0, 1], its width not positive.
     """
 
     name: str
@@ -96,9 +99,9 @@ class Fabric:
     compression_width: float = 1e-4
     """Strain over which the stiffness falls when a yarn goes from tension into compression."""
     areal_density: float | None = None
-    """Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md)."""
+    """Mass of the yarns per area of the cloth at rest [kg/m^2]; for gravity and exports."""
     thickness: float | None = None
-    """Of the cloth at rest [m]; for exports and pictures in space."""
+    """Of the cloth at rest [m]; for contact, exports and pictures in space."""
     fibre_density: float | None = None
     """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
 
@@ -118,6 +121,10 @@ class Fabric:
             _check(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
             _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
+            if family.out_of_plane_bending is not None:
+                law = family.out_of_plane_bending
+                rigidity = law.stiffness0 if isinstance(law, Potential) else law
+                _check(f"{side}.out_of_plane_bending", rigidity, "N*m")
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, wanted="above 0 and at most 1")
         _check("tension.compression_width", self.compression_width)
@@ -221,6 +228,31 @@ class Fabric:
             return None
         return self.areal_density / (self.fibre_density * self.thickness)
 
+    def needed(self, key: str, by: str) -> float:
+        """areal_density, thickness or fibre_density; if missing an InputError says ``by`` what."""
+        value = getattr(self, key)
+        if value is None:
+            example = MEASURES[_PLY_DATA[key]][1]
+            raise InputError(f'fabric.{key} is missing, which {by} needs: for example "{example}"')
+        return value
+
+    def out_of_plane(self, by: str) -> tuple[Potential, Potential]:
+        """Moment per width [N] of warp and weft over the curvature [1/m] out of the plane.
+
+        Raises InputError, with ``by`` what it is missed.
+        """
+        laws = []
+        for side in ("warp", "weft"):
+            law = getattr(self, side).out_of_plane_bending
+            if law is None:
+                raise InputError(
+                    f"fabric.{side}.out_of_plane_bending is missing, which {by} needs: per width, "
+                    'as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
+                    'for example "0.6 N mm^2"'
+                )
+            laws.append(law if isinstance(law, Potential) else linear(law))
+        return laws[0], laws[1]
+
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strain e as a law of tension takes it, de/dstretch, d2e/dstretch2: as `stretch`."""
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
@@ -250,7 +282,11 @@ class Fabric:
         def family(yarns: YarnFamily, law: Potential | None) -> str:
             own, density = modulus(yarns.modulus, law, "%", 100.0), format_si(yarns.yarns, "1/m")
             bending = format_si(yarns.yarn_bending, "N*m**2")
-            return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending})"
+            out = yarns.out_of_plane_bending
+            if isinstance(out, Potential):
+                out = out.stiffness0
+            across = "" if out is None else f", out of plane {format_si(out, 'N*m')}"
+            return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending}{across})"
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
         shear = modulus(self.shear_modulus, self.shear_law, "deg", math.degrees(1.0))
@@ -302,7 +338,9 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
     columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
     limit = Quantity.read(most, x.unit)
     if max(columns[0]) > limit.si * (1.0 + 1e-9):  # 90 degrees are 90 degrees
-        over, unit = ("angle", "deg") if x.unit == "rad" else ("strain", "%")
+        over, unit = {
+            "rad": ("angle", "deg"), "1": ("strain", "%"), "1/m": ("curvature", "1/m")
+        }[x.unit]  # fmt: skip
         largest = format_si(max(columns[0]), x.unit)
         raise ValueError(f'.points go up to {largest}, is {over} = "{unit}" meant?')
     try:
@@ -334,6 +372,30 @@ class TensionLawTable(Table):
         return _law_through(self.strain, self.force, self.points, "100 %")
 
 
+class MomentLawTable(Table):
+    """[fabric] warp.out_of_plane_moment and weft.out_of_plane_moment: a law of bending."""
+
+    law: Literal["table"]
+    """Points, joined without bumps."""
+    curvature: Annotated[Quantity, Of("1/m", column=True)]
+    """Unit of the first column."""
+    moment: Annotated[Quantity, Of("N*m/m", column=True)]
+    """Unit of the second column: moment per width."""
+    points: Pairs
+    """Curvature and moment, rising; beyond the last point the last slope goes on.
+    Example: `[[0.5, 0.01], [2, 0.02]]`"""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> MomentLawTable:
+        self.build()
+        return self
+
+    def build(self) -> Potential:
+        """Make the law."""
+        # Nobody bends cloth to a tenth of a millimetre; metres over a column of 1/mm do.
+        return _law_through(self.curvature, self.moment, self.points, "100 /cm")
+
+
 class YarnTable(Table):
     """[fabric] warp and weft."""
 
@@ -349,6 +411,11 @@ class YarnTable(Table):
     """Yarns per length across them."""
     yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
     """In-plane flexural rigidity of one yarn. Above zero for test.bending = true."""
+    out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
+    """For bending out of the plane: per width (N m, as measured with a cantilever or KES) or of one
+    yarn (N m^2), told apart by the unit. Needed in space."""
+    out_of_plane_moment: MomentLawTable | None = None
+    """A law in place of out_of_plane_bending."""
 
     @field_validator("modulus")
     @classmethod
@@ -360,11 +427,27 @@ class YarnTable(Table):
             raise ValueError("cannot stand beside tension, a law in its place")
         return modulus
 
+    @model_validator(mode="after")
+    def _one_bending(self) -> YarnTable:
+        if self.out_of_plane_bending is not None and self.out_of_plane_moment is not None:
+            raise ValueError(
+                ".out_of_plane_bending cannot stand beside out_of_plane_moment, a law in its place"
+            )
+        return self
+
     def build(self) -> tuple[YarnFamily, Potential | None]:
         """Make the family, and its law of tension if it has one."""
+        out: float | Potential | None = None
+        if self.out_of_plane_moment is not None:
+            out = self.out_of_plane_moment.build()
+        elif self.out_of_plane_bending is not None:
+            out = self.out_of_plane_bending.si
+            if self.out_of_plane_bending.unit == "N*m**2":  # of one yarn
+                out *= self.yarns.si
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
-        return YarnFamily(modulus, self.poisson, self.yarns.si, self.yarn_bending.si), law
+        bending = self.yarn_bending.si
+        return YarnFamily(modulus, self.poisson, self.yarns.si, bending, out), law
 
 
 class ShearTable(Table):
@@ -443,9 +526,9 @@ class FabricTable(Table):
     """Which strain, and yarns in compression; in place of the library's.
     Example: `{ strain = "log", compression = 0.01 }`"""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
-    """Mass of the yarns per area. For exports (docs/exports.md)."""
+    """Mass of the yarns per area. For gravity and exports (docs/exports.md)."""
     thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
-    """Of the cloth at rest. For exports and scene.png."""
+    """Of the cloth at rest. For contact, exports and scene.png."""
     fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
     """Of what the yarns consist of. For exports."""
 

@@ -16,7 +16,6 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from ..quantities import LOAD, si_text
-from ..small.network import MODES
 from .tables import write_csv
 
 if TYPE_CHECKING:
@@ -105,7 +104,7 @@ class Progress:
             LOAD.column: [step.load for step in steps],
             "shear_max_deg": np.rad2deg([step.shear_max for step in steps]),
         }
-        for mode in MODES:
+        for mode in self.experiment.modes:
             columns[f"energy_{mode}_J"] = [step.energies[mode] for step in steps]
         for name, attribute in EFFORT.items():
             columns[name] = [getattr(step, attribute) for step in steps]

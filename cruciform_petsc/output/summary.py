@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..parallel import most
-from ..small.network import MODES
 from .progress import EFFORT
 from .provenance import provenance
 
@@ -45,7 +44,7 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         "extension_m": values(experiment.extensions(result)),
         "shear_centre_deg": values(curve["shear_centre_deg"]),
         "shear_max_deg": values(curve["shear_max_deg"]),
-        "energy_j": {mode: values(curve[f"energy_{mode}_J"]) for mode in MODES},
+        "energy_j": {mode: values(curve[f"energy_{mode}_J"]) for mode in experiment.modes},
     }
     for name, column in curve.items():
         if name not in ("load_N", "extension_mm") and not name.startswith("energy_"):

@@ -281,7 +281,8 @@ def test_bad_override(write, override):
         (
             ['fabric={warp={modulus="1 N/cm", poisson=0.1, yarns="1 /cm", colour=1}}'],
             '[fabric.warp] has the unknown key "colour" '
-            "(known: tension, modulus, poisson, yarns, yarn_bending)",
+            "(known: tension, modulus, poisson, yarns, yarn_bending, out_of_plane_bending, "
+            "out_of_plane_moment)",
         ),
         (["title.x=3"], '--set "title.x=3": title is a value, not a table'),
         (["preform.refine=4.5"], "preform.refine must be a whole number, got 4.5"),
@@ -373,8 +374,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, finite, bending, increments, '
-            "extension)",
+            '[test] has the unknown key "load" (known: kind, finite, bending, space, imperfection, '
+            "increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (

@@ -152,6 +152,15 @@ def test_a_stage_by_load_starts_anywhere_too():
     np.testing.assert_allclose(by_load.controls, [2e-3, 3e-3], rtol=1e-7)
 
 
+def bent(fabric):
+    """With rigidities out of the plane."""
+    return replace(
+        fabric,
+        warp=replace(fabric.warp, out_of_plane_bending=1e-3),
+        weft=replace(fabric.weft, out_of_plane_bending=4e-4),
+    )
+
+
 SIDE = 6 * PITCH
 FLAT_TESTS = {
     "bias": (BiasExtension, diagonals(4, 8), TABLE_1, {"extension": ["3 mm", "8 mm"]}),
@@ -189,11 +198,11 @@ def test_flat_tests_in_space(name, bending):
     if kind is Cantilever and not bending:
         return
     flat, space = (
-        kind(
-            network(preform, fabric), finite=True, bending=bending, out_of_plane=rigidity, **values
-        ).solve()
-        for rigidity in (None, (1e-3, 4e-4))
+        kind(network(preform, bent(fabric)), finite=True, bending=bending, space=space, **values)
+        for space in (False, True)
     )
+    space.flat = True
+    flat, space = flat.solve(), space.solve()
     np.testing.assert_allclose(space.loads, flat.loads, rtol=1e-8)
     np.testing.assert_allclose(space.controls, flat.controls, rtol=1e-8)
     for one, other in zip(space.states, flat.states, strict=True):
@@ -230,14 +239,13 @@ def test_strip_over_an_edge():
         angle = cloth.rest[:, along] / radius
         x[:, along], x[:, 2] = radius * np.sin(angle), radius * (1 - np.cos(angle))
         energies = cloth.model.energies(replace(cloth.state(), x=x))
-        # Whole yarns, also where they are cut along; half a pitch is straight at free ends.
-        made, bends = cloth.network, cloth.ply.bends
-        rigidity *= made.pitch[1 - across]
-        curved = bends.length[np.isclose(bends.out_of_plane, rigidity)].sum()
-        yarns = (made.warp_yarns, made.weft_yarns)[across]
-        length = (yarns.end - yarns.start).sum() * made.pitch[across]
-        assert 0.8 * length < curved < length
-        expected = rigidity * curved / (2 * radius**2)
+        # At edges of what there is of the width; half a pitch is straight at free ends.
+        bends = cloth.ply.bends
+        ends = cloth.rest[bends.nodes[:, 2]] - cloth.rest[bends.nodes[:, 0]]
+        curved = np.flatnonzero(abs(ends[:, along]) > abs(ends[:, 1 - along]))
+        curved = (bends.out_of_plane * bends.length)[curved].sum()
+        assert 0.8 * 0.02 * 0.04 < curved / rigidity < 0.02 * 0.04
+        expected = curved / (2 * radius**2)
         assert energies["out_of_plane_bending"] == pytest.approx(expected, rel=3e-3)
         assert energies["bending"] < 1e-6 * expected
 
@@ -260,19 +268,25 @@ def test_yarns_may_not_lie_on_each_other_in_space():
 
 
 def test_space_needs_finite_deformation():
-    with pytest.raises(InputError, match="out_of_plane needs finite"):
-        BiasExtension(network(diagonals(4, 6)), "1 mm", out_of_plane=(1e-3, 1e-3))
+    with pytest.raises(InputError, match="test.space = true needs finite = true"):
+        BiasExtension(network(diagonals(4, 6)), "1 mm", space=True)
+    with pytest.raises(InputError, match="test.imperfection needs space = true"):
+        BiasExtension(network(diagonals(4, 6)), "1 mm", imperfection={"height": 1e-4})
+    bare = network(diagonals(4, 6), UNEVEN)
+    with pytest.raises(InputError, match="fabric.warp.out_of_plane_bending is missing, which test"):
+        BiasExtension(bare, "1 mm", finite=True, space=True)
 
 
 def test_what_cannot_be_solved_in_space():
     """Said with the place in x and y, as in the plane."""
     fabric = TABLE_1.with_shear_law(odd_polynomial([96.0, -100.0]))
     said = []
-    for rigidity in (None, (1e-3, 4e-4)):
+    for space in (False, True):
         test = BiasExtension(
             network(diagonals(3, 6), fabric), ["2 mm", "10 mm"], finite=True, bending=False,
-            out_of_plane=rigidity,
+            space=space,
         )  # fmt: skip
+        test.flat = True
         with pytest.raises(EquilibriumError, match=" at x = .* mm, y = .* mm") as caught:
             test.solve()
         said.append(str(caught.value).split("(")[0])
