@@ -104,7 +104,8 @@ class Contact(Item):
         energy, force, stiffness = room(len(y), 2, 2, 3, level)
         d, n, curvature = self.surface.look(y)
         at = np.flatnonzero(d < self.offset)
-        e, q, k = compaction(self.offset - d[at], self.stiffness, self.width)
+        stiffness_now = self.stiffness * state.factors.get(self.name, 1.0)
+        e, q, k = compaction(self.offset - d[at], stiffness_now, self.width)
         energy[:] = 0.0
         energy[at, 0] = area[at] * e
         f, h = np.zeros((len(y), 3)), np.zeros((len(y), 3, 3) if level >= STIFFNESS else 0)
@@ -154,12 +155,14 @@ class Contact(Item):
         """See Item.lagged: normal forces and normals; nodes that touch anew stick where they are."""
         y, old = self.local(state), state.memory.get(self.name)
         d, normal, _ = self.surface.look(y)
-        pressed = self.area * compaction(self.offset - d, self.stiffness, self.width)[1]
+        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
+        pressed = self.area * compaction(self.offset - d, stiffness, self.width)[1]
         before = old["pressed"] if old else np.zeros(len(y))
         anchor = old["anchor"] if old else np.full_like(y, np.nan)
         anchor = np.where(np.isnan(anchor) & (pressed > 0)[:, None], y, anchor)
         change = self.friction * float(abs(pressed - before).sum())
-        memory = {"anchor": anchor, "normal": normal, "pressed": pressed}
+        spent = old["spent"] if old else np.zeros(len(y))
+        memory = {"anchor": anchor, "normal": normal, "pressed": pressed, "spent": spent}
         return memory, change, self.friction * float(pressed.sum())
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
@@ -168,6 +171,8 @@ class Contact(Item):
         gap, s = self._slipped(state, memory)
         keep = np.minimum(1.0, self.slip / np.maximum(s, 1e-300))
         moved = self.local(state) - keep[:, None] * gap
+        slid = np.maximum(s - self.slip, 0.0)
+        memory["spent"] = memory["spent"] + self.friction * memory["pressed"] * slid
         anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
         memory["anchor"] = np.where((memory["pressed"] > 0)[:, None], anchor, np.nan)
         return memory
@@ -178,10 +183,10 @@ class Contact(Item):
         gap -= (gap * memory["normal"]).sum(axis=1)[:, None] * memory["normal"]
         return gap, np.linalg.norm(gap, axis=1)
 
-    def dissipated(self, state: Placed) -> float:
-        """Work of friction on this rank from the last accepted state to this one, J."""
-        memory = state.memory.get(self.name)
-        if not memory or not self.friction:
-            return 0.0
-        slid = np.maximum(self._slipped(state, memory)[1] - self.slip, 0.0)
-        return float((self.friction * memory["pressed"] * slid).sum())
+    def fields(self, state: Placed) -> dict[str, np.ndarray]:
+        """Distance to the tool [m], pressure [Pa], slip since the last step [m]; (m,)."""
+        y = self.local(state)
+        distance = self.surface.look(y)[0] - self.offset
+        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
+        pressure = compaction(-distance, stiffness, self.width)[1]
+        return {"distance": distance, "pressure": pressure}

@@ -35,11 +35,9 @@ class Viscous(Item):
         """See Item.work."""
         memory = state.memory.get(self.name, {})
         place = memory.get("place", self.rest)[rows]
-        since = memory["time"][0] if memory else 0.0
         nodes = self.nodes[rows]
         energy, force, stiffness = room(len(nodes), 1, 1, place.shape[1], level)
-        passed = state.time - since
-        rate = self.weight[rows] / passed if passed > 0.0 else np.zeros(len(nodes))
+        rate = self._rate(state)[rows]
         moved = state.x[nodes[:, 0]] - place
         energy[:, 0] = 0.5 * rate * (moved**2).sum(axis=1)
         if level >= FORCE:
@@ -49,5 +47,16 @@ class Viscous(Item):
         return energy, force, stiffness
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
-        """See Item.accepted."""
-        return {"place": state.x[self.nodes[:, 0]], "time": np.array([state.time])}
+        """See Item.accepted; ``spent``: what each node has dissipated, J."""
+        memory = state.memory.get(self.name, {})
+        spent = memory["spent"] if memory else np.zeros(len(self.nodes))
+        place, rate = state.x[self.nodes[:, 0]], self._rate(state)
+        moved = place - memory.get("place", self.rest)
+        spent = spent + rate * (moved**2).sum(axis=1)
+        return {"place": place, "time": np.full(len(place), state.time), "spent": spent}
+
+    def _rate(self, state: Placed) -> np.ndarray:
+        """c A/h, N/m, (m,); none at the time of the last step itself."""
+        memory = state.memory.get(self.name, {})
+        passed = state.time - (memory["time"] if memory else np.zeros(len(self.nodes)))
+        return np.where(passed > 0.0, self.weight / np.where(passed > 0.0, passed, 1.0), 0.0)
