@@ -189,6 +189,8 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         )
     loose = fixed < 3
     scrap = loose & (joints == crossovers - 1)
+    if constraints.floats:
+        scrap &= crossovers < crossovers.max()
     if not constraints.floats and (loose.all() or (loose & ~scrap).any()):
         name = "the body" if len(parts) == 1 else f"a part of {ends[loose].max()} arm ends"
         raise InputError(f"{name} can float: no clamp holds it; clamp an edge that its yarns reach")
