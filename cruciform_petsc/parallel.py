@@ -57,17 +57,18 @@ def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
 def end_unless_all(comm: MPI.Intracomm, sentence: str) -> None:
     """Go on if all ranks come here within a few seconds; else print the sentence and end them all.
 
-    For an error that may be this rank's alone, while others wait for it in some other call. Ranks
-    wait a little longer each, so that one speaks and takes the others with it.
+    For an error that may be this rank's alone, while others wait for it in some other call; a rank
+    without one (no sentence) waits for them. Ranks wait a little longer each, so that one speaks
+    and takes the others with it.
     """
     request = comm.Ibarrier()
     deadline = time.monotonic() + _PATIENCE + min(0.2 * comm.rank, _PATIENCE)
     while not request.Test():
-        if time.monotonic() > deadline:
+        if sentence and time.monotonic() > deadline:
             sys.stdout.flush()
             print(f"cruciform-petsc: on rank {comm.rank}, {sentence}", file=sys.stderr, flush=True)
             comm.Abort(2)
-        time.sleep(0.01)
+        time.sleep(0.001)
 
 
 def least(comm: MPI.Intracomm, values, initial=np.inf):

@@ -58,8 +58,9 @@ class SolverTable(Table):
     options: Annotated[dict[str, str | int | float | bool], PlainValidator(check_settings)] = Field(
         default={}
     )
-    """PETSc options of the network's solver. Without dash and prefix. Settings of solvers only:
-    nothing that could run code or write files. Example: `{ ksp_type = "cg", ksp_rtol = 1e-09 }`"""
+    """PETSc options of the network's solver. Without dash and prefix. Settings of solvers only, in
+    bounds: nothing that could run code, write files or work without end.
+    Example: `{ ksp_type = "cg", ksp_rtol = 1e-09 }`"""
 
 
 class OutputTable(Table):

@@ -14,7 +14,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..errors import InputError
+from ..errors import CruciformError, InputError
+from ..parallel import end_unless_all
 from .failures import in_words
 from .settings import closest, setting_of
 
@@ -128,11 +129,22 @@ def set_from_options(
 
     Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
     """
+    problem = None
     try:
         solver.setFromOptions()
-        return
     except PETSc.Error as error:
-        refused = error
+        problem = _refusal(solver, prefix, options, error)
+    comm = solver.comm.tompi4py()
+    end_unless_all(comm, str(problem or ""))  # files are opened, or not, by rank 0 alone
+    for error_there in comm.allgather(problem):
+        if error_there is not None:
+            raise error_there
+
+
+def _refusal(
+    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object], error: PETSc.Error
+) -> CruciformError:
+    """What is told of an error of PETSc while it reads options."""
     database = PETSc.Options(prefix)
     source = "solver.options or the command line" if prefix == PREFIX else "the command line"
     for name, (kind, known) in _KINDS.items():
@@ -142,15 +154,16 @@ def set_from_options(
         probe = kind().create(PETSc.COMM_SELF)
         try:
             probe.setType(value)
-        except PETSc.Error as error:
-            raise InputError(
+        except PETSc.Error:
+            return InputError(
                 f"-{prefix}{name} (from {source}) is '{value}', which this PETSc does not have: "
                 f"'{known}' would do"
-            ) from error
+            )
         finally:
             probe.destroy()
-    ours = in_words(refused, prefix)
-    raise (refused if ours is None else ours) from refused
+    return in_words(error, prefix) or InputError(
+        f"PETSc does not accept one of the options -{prefix}... (PETSc error {error.ierr})"
+    )
 
 
 def reason_name(reason: int, kind: Any = PETSc.KSP) -> str:
