@@ -71,7 +71,7 @@ def estimate(case: Case) -> list[Part]:
     parts.append(
         Part(
             "the membrane",
-            f"about {_count(triangles)} triangles",
+            f"about {_count(triangles)} triangles and {_count(unknowns)} unknowns",
             "choose a larger continuum.mesh_size",
             needed,
             0.5 * needed,
@@ -87,6 +87,8 @@ def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     with np.errstate(over="ignore", divide="ignore"):
         crossovers = float(np.float64(preform.outline.area) / np.prod(preform.pitch(case.fabric())))
     each, seconds = _FINITE if finite else _SMALL
+    # Two arm ends; at finite deformation hinges, too; rotations at small displacements.
+    unknowns = crossovers * (6 if finite or case.test.bending else 4)
     kept = _STATE * values * crossovers
     name, cure = "the test", "choose a coarser pitch (refine, yarns_per_cruciform)"
     if refine is not None:
@@ -95,7 +97,7 @@ def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
         cure += " or fewer increments"
     return Part(
         name,
-        f"about {_count(crossovers)} crossovers",
+        f"about {_count(crossovers)} crossovers and {_count(unknowns)} unknowns",
         cure,
         each * crossovers + kept,
         BYTES[case.test.bending] * crossovers + kept,
