@@ -39,13 +39,18 @@ _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
+    "--columns": (
+        "TITLE,TITLE",
+        "columns of measured data where units leave a choice, by titles or numbers; once for all "
+        "files, or once for each",
+    ),
     "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
     "--also-data": ("FILE", "the measured curve of that specimen"),
     "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
-_REPEATED = ("--set", "--also", "--also-data")
+_REPEATED = ("--set", "--columns", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -243,11 +248,11 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         raise InputError(f"{pair} belong together, give both or neither")
     if len(args.also) != len(args.also_data):
         raise InputError("each --also CASE needs an --also-data FILE, in the same order")
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {"columns": args.columns}
     if args.hold_out is not None:
-        more["hold_out"] = (_load(comm, args.hold_out), args.hold_out_data)
+        more["hold_out"] = (_load(comm, args.hold_out, args.set), args.hold_out_data)
     if args.also:
-        cases = [_load(comm, path) for path in args.also]
+        cases = [_load(comm, path, args.set) for path in args.also]
         more["also"] = list(zip(cases, args.also_data, strict=True))
     if args.weights is not None:
         try:
@@ -274,7 +279,7 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log)
+    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -471,7 +476,7 @@ def _parser() -> _Parser:
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=tuple(_WITH_VALUE))
     command(_resume, folder, options=("--set", "--output"))
-    command(_compare, a, b, options=("--output",))
+    command(_compare, a, b, options=("--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser

@@ -9,14 +9,14 @@ from __future__ import annotations
 import csv
 import json
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .calibration.curve import read_curve
+from .calibration.curve import columns_of_files, read_curve
 from .errors import InputError
 from .experiments.registry import KINDS, kind_class
 from .output import pictures
@@ -164,6 +164,7 @@ class Side:
     kind: str  # of test, or "measured"
     columns: dict[str, np.ndarray]  # at the values asked for (n,), the control first
     path_columns: dict[str, np.ndarray]  # at all increments (m,), what is known there
+    notes: tuple[str, ...] = ()  # of measured data, see MeasuredCurve
 
     @property
     def is_measured(self) -> bool:
@@ -178,17 +179,17 @@ class Side:
         return loading(columns[x], columns[y])
 
 
-def read_side(path: str | Path) -> Side:
-    """Read a folder of results, or a CSV file of a measured curve."""
+def read_side(path: str | Path, which: str | None = None) -> Side:
+    """Read a folder of results, or a CSV file of a measured curve; ``which`` see read_curve."""
     path = Path(path)
     if not path.exists():
         raise InputError(
             f'"{path}" does not exist, name a folder of results or a CSV file of a measured curve'
         )
     if not path.is_dir():
-        measured = read_curve(path)
+        measured = read_curve(path, which)
         columns = {"displacement_mm": 1e3 * measured.displacement, "load_N": measured.force}
-        return Side(str(path), path.name, "measured", columns, {})
+        return Side(str(path), path.name, "measured", columns, {}, measured.notes)
     if not (path / "curve.csv").is_file():
         raise InputError(
             f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
@@ -289,15 +290,22 @@ def compare_command(
     b_path: str,
     directory: str | Path,
     log: logging.Logger,
+    columns: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Compare, tell, and write comparison.json and comparison.png into a folder. Collective."""
     for kind in KINDS:
         kind_class(kind)  # declares its columns
-    a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
+    paths = (a_path, b_path)
+    files = [path for path in paths if not Path(path).is_dir()]
+    named = dict(zip(files, columns_of_files(columns, len(files)), strict=True))
+    a, b = on_root(comm, lambda: [read_side(path, named.get(path)) for path in paths])
     told, figures, lines = compare(a, b)
     with locked(comm, directory, OF_COMPARISON, log) as folder:
         log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
         log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
+        for side in (a, b):
+            for note in side.notes:
+                log.info("   %s: %s", side.path, note)
         log.info("A less B, loads and energies relative to B, angles in degrees:")
         axis = quantity(told["over"])
         for name, value in figures.items():

@@ -14,6 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 from .calibration.curve import MeasuredCurve, read_curve
+from .calibration.specimen import KINDS as SPECIMENS
+from .calibration.specimen import Specimen
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
@@ -38,9 +40,11 @@ from .parallel import on_root
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
-    _check_comparison(comm, case)
+    measured = _check_comparison(comm, case)
     log.info("%s", case.title)
     network, _ = _make_network(comm, case, Stages(log))
+    for sentence in _measured_remarks(case, network, measured):
+        log.warning("warning       %s", sentence)
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
@@ -87,7 +91,19 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
             "output.measured is a force over a displacement, which a biaxial test does not have, "
             "leave it out"
         )
-    return on_root(comm, lambda: read_curve(path))
+    return on_root(comm, lambda: read_curve(path, case.output.measured_columns))
+
+
+def _measured_remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
+    """What was left out of measured data, and whether their unit can be right."""
+    if measured is None:
+        return []
+    remarks = [f"measured data: {note}" for note in measured.notes]
+    if case.test.kind in SPECIMENS:
+        upper = getattr(case.test, "upper", "grip")
+        question = Specimen(network, measured, case.test.kind, upper).unit_question()
+        remarks += [question] if question else []
+    return remarks
 
 
 def _make_network(
@@ -140,6 +156,7 @@ class _Run:
         if self.checkpoint is not None and self.checkpoint.increments:
             summary["resumed_after_increments"] = len(self.checkpoint.increments)
         summary["warnings"] = warnings(result)
+        summary["warnings"] += _measured_remarks(case, network, self.measured)
         for sentence in summary["warnings"]:
             log.warning("warning       %s", sentence)
         if self.failure is not None:

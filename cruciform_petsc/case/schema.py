@@ -136,6 +136,9 @@ class OutputTable(Table):
     measured: Name | None = None
     """CSV file of a measured displacement and force to compare the load with; in a case file,
     relative to its folder. Example: `"measured.csv"`"""
+    measured_columns: Name | None = None
+    """Titles of its two columns, or their numbers, where units leave a choice.
+    Example: `"Extension (mm),Load (N)"`"""
 
     @property
     def wants_report(self) -> bool:

@@ -32,10 +32,12 @@ from ..units import Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
+# What the second column of a table of shear may be.
+TORQUE, SHEAR_FORCE = "torque per area", "shear force per length"
 # Keys that a law of shear takes.
 _SHEAR_LAWS = {
     None: ("modulus",),
-    "table": ("angle", "force", "points"),
+    "table": ("angle", "force", "points", "quantity"),
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
@@ -378,8 +380,13 @@ class ShearTable(Table):
     """Unit of the first column, with law = "table"."""
     force: Annotated[Quantity, Of("N/m", column=True)] | None = None
     """Unit of the second column, with law = "table"."""
+    quantity: Literal["torque per area", "shear force per length"] | None = None
+    """Of the second column, with law = "table": psi', or what a picture frame's force over
+    2 cos(theta) gives per side, F_s/L = psi'/cos(gamma) (docs/laws.md). By default torque per area.
+    Example: `"torque per area"`"""
     points: Pairs | None = None
-    """Shear angle and psi', rising, with law = "table". Example: `[[10, 0.01], [40, 0.2]]`"""
+    """Shear angle and the quantity, rising, with law = "table". Example:
+    `[[10, 0.01], [40, 0.2]]`"""
     coefficients: Annotated[Quantities, Of("N/m", many=True)] | None = None
     """Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial",
     k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential"."""
@@ -398,7 +405,7 @@ class ShearTable(Table):
             if key not in takes:
                 raise ValueError(f"takes {keys}, not {key}")
         for key in takes:
-            if key not in given:
+            if key not in (*given, "quantity"):
                 raise ValueError(f".{key} is missing")
         self.build()
         return self
@@ -408,8 +415,11 @@ class ShearTable(Table):
         if self.modulus is not None:
             return linear(self.modulus.si)
         if self.angle is not None and self.force is not None and self.points is not None:
+            points = self.points
+            if self.quantity == SHEAR_FORCE:  # F_s L cos(gamma) is the torque on a frame of side L
+                points = [[angle, f * math.cos(angle * self.angle.si)] for angle, f in points]
             # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
-            return _law_through(self.angle, self.force, self.points, "90 deg")
+            return _law_through(self.angle, self.force, points, "90 deg")
         assert self.coefficients is not None  # the check above has seen to it
         values = si_values(self.coefficients)
         return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
