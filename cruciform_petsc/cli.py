@@ -248,7 +248,7 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         raise InputError(f"{pair} belong together, give both or neither")
     if len(args.also) != len(args.also_data):
         raise InputError("each --also CASE needs an --also-data FILE, in the same order")
-    more: dict[str, Any] = {"columns": args.columns}
+    more: dict[str, Any] = {"columns": args.columns} if args.columns else {}
     if args.hold_out is not None:
         more["hold_out"] = (_load(comm, args.hold_out, args.set), args.hold_out_data)
     if args.also:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from .calibration.curve import MeasuredCurve, read_curve
 from .calibration.specimen import KINDS as SPECIMENS
-from .calibration.specimen import Specimen
+from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
@@ -43,7 +43,7 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     measured = _check_comparison(comm, case)
     log.info("%s", case.title)
     network, _ = _make_network(comm, case, Stages(log))
-    for sentence in _measured_remarks(case, network, measured):
+    for sentence in _remarks(case, network, measured):
         log.warning("warning       %s", sentence)
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
@@ -94,16 +94,17 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
     return on_root(comm, lambda: read_curve(path, case.output.measured_columns))
 
 
-def _measured_remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
-    """What was left out of measured data, and whether their unit can be right."""
-    if measured is None:
-        return []
-    remarks = [f"measured data: {note}" for note in measured.notes]
-    if case.test.kind in SPECIMENS:
-        upper = getattr(case.test, "upper", "grip")
-        question = Specimen(network, measured, case.test.kind, upper).unit_question()
-        remarks += [question] if question else []
-    return remarks
+def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
+    """What may be meant otherwise in a case, and what was left out of its measured data."""
+    shear = case.fabric_table.shear
+    questions = [None if shear is None else shear.question()]
+    if measured is not None:
+        questions += [f"measured data: {note}" for note in measured.notes]
+        if case.test.kind in SPECIMENS:
+            upper = getattr(case.test, "upper", "grip")
+            specimen = Specimen(network, measured, case.test.kind, upper)
+            questions.append(specimen.unit_question())
+    return [question for question in questions if question]
 
 
 def _make_network(
@@ -156,7 +157,7 @@ class _Run:
         if self.checkpoint is not None and self.checkpoint.increments:
             summary["resumed_after_increments"] = len(self.checkpoint.increments)
         summary["warnings"] = warnings(result)
-        summary["warnings"] += _measured_remarks(case, network, self.measured)
+        summary["warnings"] += _remarks(case, network, self.measured)
         for sentence in summary["warnings"]:
             log.warning("warning       %s", sentence)
         if self.failure is not None:
@@ -242,9 +243,19 @@ class _Run:
         if self.measured is not None:
             compared = against_measured(load_line(result), self.measured)
             self.summary["measured"] = {"file": output.measured, **compared}
+            self._ask_for_unit(compared["measured_n"] / compared["load_n"])
             keys = ("displacement_mm", "measured_n", "load_n")
             columns = {key.replace("_n", "_N"): compared[key] for key in keys}
             self._write_csv("load_and_measured.csv", columns)
+
+    def _ask_for_unit(self, ratios: np.ndarray) -> None:
+        """Ask after loads that are far off those computed, if that was not asked before."""
+        asked = self.summary["warnings"]
+        known = ratios[np.isfinite(ratios)]
+        question = unit_question(float(np.median(known)), "computed") if len(known) else None
+        if question and not any("meant in place of" in sentence for sentence in asked):
+            asked.append(question)
+            self.log.warning("warning       %s", question)
 
     def _write_summary(self) -> None:
         """Add times and memory, and write summary.json."""

@@ -163,13 +163,13 @@ def formula_gap(specimens: Sequence[Specimen], other: Specimen) -> FormulaGap | 
     return None
 
 
-def unit_question(ratio: float) -> str | None:
-    """What to ask if measured loads are ``ratio`` times those expected; None if that may be."""
+def unit_question(ratio: float, those: str = "of the fabric's own shear law") -> str | None:
+    """What to ask if measured loads are ``ratio`` times ``those``; None if that may be."""
     if 1.0 / FAR_OFF < ratio < FAR_OFF or not ratio > 0.0:
         return None
-    size = f"{ratio:.2g} times" if ratio > 1.0 else f"a {1.0 / ratio:.2g}th of"
-    meant, written = ("N", "kN") if ratio > 1.0 else ("kN", "N")
+    times = f"{float(f'{max(ratio, 1.0 / ratio):.2g}'):.0f} times"
+    size, meant, written = ("larger", "N", "kN") if ratio > 1.0 else ("smaller", "kN", "N")
     return (
-        f"the measured loads are {size} what the fabric's own shear law gives: is {meant} meant in "
-        f"place of {written} in the data?"
+        f"the measured loads are {times} {size} than those {those}: is {meant} meant in place of "
+        f"{written} in the data?"
     )

@@ -34,6 +34,7 @@ _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for anoth
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
 # What the second column of a table of shear may be.
 TORQUE, SHEAR_FORCE = "torque per area", "shear force per length"
+DIFFERENCE = 0.05  # between the two, from which on it matters which one is meant
 # Keys that a law of shear takes.
 _SHEAR_LAWS = {
     None: ("modulus",),
@@ -409,6 +410,18 @@ class ShearTable(Table):
                 raise ValueError(f".{key} is missing")
         self.build()
         return self
+
+    def question(self) -> str | None:
+        """Ask what a table's second column is, where that makes a difference."""
+        law = self.build()
+        more = 1.0 / math.cos(law.last_point) - 1.0 if law.name == "table" else 0.0
+        if self.quantity is not None or more < DIFFERENCE:
+            return None
+        return (
+            f'fabric.shear does not name its quantity and is taken as "{TORQUE}": where the table '
+            f'ends, at {format_si(law.last_point, "rad")}, a picture frame\'s "{SHEAR_FORCE}" is '
+            f"{100.0 * more:.0f} % more; write which one it is"
+        )
 
     def build(self) -> Potential:
         """Make the law."""

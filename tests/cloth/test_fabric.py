@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cruciform_petsc.cloth.fabric import Fabric, YarnFamily, fabric_names
+from cruciform_petsc.cloth.fabric import Fabric, ShearTable, YarnFamily, fabric_names
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.laws import linear, odd_polynomial, sin_powers, table
 
@@ -258,6 +258,29 @@ def test_shear_laws_from_a_table(shear, law):
     assert np.allclose(fabric.shear.evaluate(x), law.evaluate(x), rtol=1e-12)
     assert fabric.shear_modulus == fabric.shear.stiffness0
     assert fabric.shear_modulus == pytest.approx(law.stiffness0, rel=1e-12)
+
+
+def test_quantity_of_a_shear_table():
+    """F_s/L of a picture frame times cos(gamma) is psi'; a table that names neither is asked."""
+    torque = SHEAR_TABLE | {"quantity": "torque per area"}
+    named = [
+        Fabric.from_table("f", PLAIN | {"shear": shear}).shear
+        for shear in (SHEAR_TABLE, torque, torque | {"quantity": "shear force per length"})
+    ]
+    assert named[0] == named[1]
+    x, y = np.radians([10, 40]), np.array([10.0, 200.0])
+    assert np.allclose(named[2].evaluate(x)[1], y * np.cos(x), rtol=1e-12)
+    asked = ShearTable.from_data(SHEAR_TABLE).question()
+    assert asked.startswith("fabric.shear does not name its quantity")
+    assert 'at 40 deg, a picture frame\'s "shear force per length" is 31 % more' in asked
+    assert ShearTable.from_data(torque).question() is None
+    small = SHEAR_TABLE | {"points": [[5, 0.01], [15, 0.02]]}
+    assert ShearTable.from_data(small).question() is None
+    assert ShearTable.from_data({"modulus": "1 N/cm"}).question() is None
+    with pytest.raises(InputError, match="takes modulus without law, not quantity"):
+        ShearTable.from_data({"modulus": "1 N/cm", "quantity": "torque per area"})
+    with pytest.raises(InputError, match='must be "torque per area" or "shear force per length"'):
+        ShearTable.from_data(SHEAR_TABLE | {"quantity": "force"})
 
 
 def test_tension_law_from_a_table():
