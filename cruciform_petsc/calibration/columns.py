@@ -65,7 +65,7 @@ def read_columns(data: bytes, columns: str | None = None) -> np.ndarray:
     if not lines:
         raise InputError("is empty")
     delimiters: Sequence[str] = DELIMITERS
-    if told := re.fullmatch(r'"?sep=(.)"?', lines[0].text, re.IGNORECASE):
+    if told := re.fullmatch(r'"?sep=([;,|:\t ])"?', lines[0].text, re.IGNORECASE):
         delimiters, lines = [told[1]], lines[1:]
     headers = [header for mark in delimiters for header in _headers(lines, mark)]
     header, pair = _pick(headers, columns)
