@@ -238,7 +238,7 @@ def test_mutilated_files_are_read_or_refused(tmp_path, seed):
             assert (np.diff(curve.displacement) > 0.0).all()
             assert (curve.force > 0.0).all()
             assert np.isfinite(curve.force).all()
-    assert 5 < len(refused) < 60
+    assert refused
     assert all("\n" not in text and len(text) < 700 for text in refused)
 
 
