@@ -80,7 +80,10 @@ class MeasuredCurve:
     def joined(cls, curves: Sequence[MeasuredCurve]) -> MeasuredCurve:
         """The points of several curves, one curve after the other."""
         d, f = np.hstack([[curve.displacement, curve.force] for curve in curves])
-        notes = [note for curve in curves for note in curve.notes]
+        which = [f"Curve {i}: " if len(curves) > 1 else "" for i in range(1, len(curves) + 1)]
+        notes = [
+            start + note for start, curve in zip(which, curves, strict=True) for note in curve.notes
+        ]
         return cls(d, f, sum(curve.rows for curve in curves), tuple(notes))
 
     def where(self, kept: np.ndarray, note: str) -> MeasuredCurve:
