@@ -42,10 +42,10 @@ class Comparison:
 
     def ruling_point(self) -> str | None:
         """Name a point that makes up most of the sum of squares, if there is one."""
-        squares = self.residuals**2
-        k = int(squares.argmax())
-        if squares[k] < max(RULING * squares.sum(), GOOD_POINT**2):
+        k = ruling_index(self.residuals)
+        if k is None:
             return None
+        squares = self.residuals**2
         d, f = self.curve.displacement[k], self.curve.force[k]
         beside = f"(network {force_text(self.loads[k])})"
         return (
@@ -297,6 +297,13 @@ class Calibration(Comparison):
                     f"{value:.0f} %: the law holds together with {fixed}."
                 )
         return texts
+
+
+def ruling_index(residuals: np.ndarray) -> int | None:
+    """Which of the relative errors (n,) makes up most of their sum of squares, if one does."""
+    squares = residuals**2
+    k = int(squares.argmax())
+    return None if squares[k] < max(RULING * squares.sum(), GOOD_POINT**2) else k
 
 
 def rms(values: np.ndarray) -> float:
