@@ -127,7 +127,7 @@ def kind_of(field: FieldInfo) -> str:
     least = next((limit.ge for limit in limits if hasattr(limit, "ge")), None)
     names = {int: "whole number", str: "text", bool: "`true` or `false`", float: "number"}
     name = names.get(annotation, "table")
-    return name if least is None else f"{name} from {least} up"
+    return name if annotation is not int or least is None else f"{name} from {least} up"
 
 
 def main() -> int:

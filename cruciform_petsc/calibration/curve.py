@@ -12,18 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..units import format_si, parse_unit
+from ..reading import MIB, read_given
+from ..units import LIMITS, MEASURES, format_si, parse_unit
 
 # More points than this are averaged, because each costs an equilibrium of the network.
 MOST_POINTS = 40
+LARGEST_CURVE, MOST_LINES, LONGEST_LINE = 64 * MIB, 300_000, 10_000
 FEWEST_POINTS = 4
 # Fall of the displacement, over its range, that is a turn of the machine and no noise.
 TURN = 0.02
 _COLUMNS = (("displacement", "m"), ("force", "N"))
-_PROBLEMS: dict[type[OSError], str] = {
-    FileNotFoundError: "does not exist",
-    IsADirectoryError: "is a folder, name a CSV file in it",
-}
 _EXAMPLE = 'write for example "displacement [mm], force [N]"'
 
 
@@ -49,6 +47,12 @@ class MeasuredCurve:
             raise InputError(f"displacement and force differ in length, {d.size} and {f.size}")
         if not (np.isfinite(d).all() and np.isfinite(f).all()):
             raise InputError("the measured curve has numbers that are not finite")
+        for values, unit in ((d, "m"), (f, "N")):
+            if np.abs(values).max(initial=0.0) > LIMITS[unit][1]:
+                raise InputError(
+                    f"the measured curve goes up to {format_si(np.abs(values).max(), unit)}, "
+                    f"{MEASURES[unit][0]} is at most {format_si(LIMITS[unit][1], unit)}"
+                )
         if (d < 0.0).any():
             raise InputError(
                 f"the measured curve has the negative displacement {format_si(d.min(), 'm')}, it "
@@ -147,18 +151,19 @@ def read_curve(path: str | Path) -> MeasuredCurve:
 
 def _lines(path: Path, name: str) -> list[tuple[int, str]]:
     """Lines with their numbers, without comments and empty ones."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        problem = _PROBLEMS.get(type(error), f"cannot be read: {error.strerror}")
-        raise InputError(f"{name} {problem}") from None
+    data = read_given(path, "measured curve", "CSV", LARGEST_CURVE)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")  # a name with an umlaut; the numbers are ASCII
-    if "\0" in text:
-        raise InputError(f"{name} is not a text file")
     lines = [(i, line.strip(" ")) for i, line in enumerate(text.splitlines(), 1)]
+    for i, line in lines:
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{name}, line {i}, has {len(line)} characters, at most {LONGEST_LINE} are read"
+            )
+    if len(lines) > MOST_LINES:
+        raise InputError(f"{name} has {len(lines)} lines, at most {MOST_LINES} are read")
     return [(i, line) for i, line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 

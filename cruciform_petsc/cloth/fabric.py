@@ -342,9 +342,10 @@ class YarnTable(Table):
     """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
     modulus: Annotated[Quantity, Of("N/m")] | None = None
     """Tension per width over strain. Needed without tension."""
-    poisson: float
-    """Contraction of the other family when this one is pulled. Reciprocity: poisson of the weft
-    times modulus of the warp is the reverse. Example: `0.0`"""
+    poisson: Number | None = None
+    """Contraction of the other family when this one is pulled. By default 0, or what follows from
+    the other family's by reciprocity: poisson of the weft times modulus of the warp is poisson of
+    the warp times modulus of the weft. Example: `0.45`"""
     yarns: Annotated[Quantity, Of("1/m")]
     """Yarns per length across them."""
     yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
@@ -364,13 +365,13 @@ class YarnTable(Table):
         """Make the family, and its law of tension if it has one."""
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
-        return YarnFamily(modulus, self.poisson, self.yarns.si, self.yarn_bending.si), law
+        return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, self.yarn_bending.si), law
 
 
 class ShearTable(Table):
     """[fabric] shear: a modulus, or a law with its own keys."""
 
-    modulus: Annotated[Quantity, Of("N/m", example="0.96 N/cm")] | None = None
+    modulus: Annotated[Quantity, Of("N/m/rad")] | None = None
     """Of a linear law. Either this or law."""
     law: Literal["table", "polynomial", "sin-potential"] | None = None
     """A law in place of the modulus (docs/laws.md)."""
@@ -473,6 +474,17 @@ class FabricTable(Table):
             )
         return self
 
+    def filled_in(self) -> list[str]:
+        """What was left out and is assumed, in sentences."""
+        yarns = {"warp": self.warp, "weft": self.weft}
+        left_out = [side for side, table in yarns.items() if table and table.poisson is None]
+        if not left_out:
+            return []
+        if len(left_out) == 2:
+            return ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
+        value = getattr(self.build(""), left_out[0]).poisson
+        return [f"fabric.{left_out[0]}.poisson is taken as {value:.6g}, by reciprocity"]
+
     def build(self, name: str) -> Fabric:
         """Make the fabric; one of the library keeps its name, with what is replaced."""
         given = {key: value for key, value in self if value is not None}
@@ -481,6 +493,10 @@ class FabricTable(Table):
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
+        if given["warp"].poisson is None:
+            warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
+        elif given["weft"].poisson is None:
+            weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,
