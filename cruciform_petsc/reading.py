@@ -22,9 +22,10 @@ from .errors import InputError
 MIB = 1 << 20
 LARGEST = 64 * MIB  # of what the program has written: summaries, manifests, tables
 LARGEST_CASE = 4 * MIB
-# A key of more parts takes tomllib longer than their number, squared.
+_PARTS = 100
+# A key of many parts takes tomllib longer than their number, squared.
 _LONG_KEY = re.compile(
-    r"""(?<![\w"'\\-])(?>(?>[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*\.[ \t]*){20}"""
+    rf"""(?<![\w"'\\-])(?>(?>[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}"""
 )
 
 
@@ -50,10 +51,9 @@ def read_bytes(path: Path, most: int = LARGEST, *, follow: bool = False) -> byte
     Files of the kernel (/proc), whose size is told as 0, are taken for empty.
     """
     with open_regular(path, follow=follow) as file:
-        if os.fstat(file.fileno()).st_size == 0:
-            return b""
-        data = file.read(most + 1)
-    if len(data) > most:
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(most + 1) if 0 < size <= most else b""
+    if max(size, len(data)) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most / MIB:g} MiB")
     return data
 
@@ -100,7 +100,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     long = _LONG_KEY.search(text)
     if long is not None:
         line = text.count("\n", 0, long.start()) + 1
-        raise ValueError(f"a key of more than 20 parts (at line {line})")
+        raise ValueError(f"a key of more than {_PARTS} parts (at line {line})")
     try:
         return tomllib.loads(text)
     except RecursionError:

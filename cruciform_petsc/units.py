@@ -160,7 +160,10 @@ def _factor(text: str, unit: str, example: str) -> float:
     if unit == "N/m/rad" and not parsed.is_compatible_with(wanted):
         wanted = registry.parse_units("N/m")  # per radian goes without saying
     if parsed.dimensionality != wanted.dimensionality:
-        raise ValueError(f'{another} like "{example}"')
+        hint = ""
+        if unit == "N*m**2" and parsed.is_compatible_with("N*m"):  # of KES, gf cm^2/cm
+            hint = "; what is per width of cloth is to be divided by the yarns per width"
+        raise ValueError(f'{another} like "{example}"{hint}')
     return float(registry.Quantity(1.0, parsed).to(wanted).magnitude)
 
 

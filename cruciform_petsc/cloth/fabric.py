@@ -28,7 +28,7 @@ from ..errors import InputError, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import Quantity, format_si
+from ..units import LIMITS, Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
@@ -275,6 +275,15 @@ def _check(key: str, value: Any, unit: str = "", wanted: str = "positive and fin
     if not (math.isfinite(number) and _WANTED[wanted](number)):
         got = format_si(number, unit) if unit else f"{number:g}"
         raise InputError(f"fabric.{key} must be {wanted}, got {got}")
+    _check_size(key, number, unit)
+
+
+def _check_size(key: str, number: float, unit: str) -> None:
+    """Refuse what is smaller, but for zero, or larger than anything of its kind is."""
+    least, most = LIMITS.get(unit, (0.0, math.inf))
+    if number != 0.0 and not least <= abs(number) <= (1.0 + 1e-5) * most:
+        ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
+        raise InputError(f"fabric.{key} must be {ends}, got {format_si(number, unit)}")
 
 
 def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> None:
@@ -287,6 +296,7 @@ def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> No
             f"fabric.{key} is a law whose slope at zero must be positive and finite, "
             f"got {format_si(slope, 'N/m')}"
         )
+    _check_size(key, slope, "N/m")
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
         raise InputError(
             f"fabric.{name} must be the slope of its law at zero, {format_si(slope, 'N/m')}, "
