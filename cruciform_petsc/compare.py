@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .calibration.curve import read_curve
-from .errors import InputError, cut
+from .errors import InputError, cut, harmless
 from .experiments.registry import KINDS, kind_class
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked
@@ -199,7 +199,7 @@ def read_side(path: str | Path) -> Side:
     further = _table(path / "increments.csv") if os.path.isfile(path / "increments.csv") else {}
     summary = read_json(path / "summary.json", follow=True)
     title, kind = (
-        cut(str(summary.get(key, other)))
+        harmless(cut(str(summary.get(key, other))))
         for key, other in (("title", path.name), ("kind", "unknown"))
     )
     return Side(str(path), title, kind, _with_energy(columns), _with_energy(further))

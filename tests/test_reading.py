@@ -180,6 +180,8 @@ def test_json_that_is_hard_to_read(tmp_path):
     path.write_text(json.dumps({"title": "x" * 100_000, "kind": ["a"]}))
     (tmp_path / "curve.csv").write_text("extension_mm,load_N\n0,0\n1,2\n")
     assert len(read_side(tmp_path).title) == 80
+    path.write_text(r'{"title": "\ud800 \u001b[2J", "kind": "x"}')
+    assert read_side(tmp_path).title == r"\ud800 \x1b[2J"
 
 
 @pytest.mark.parametrize(
