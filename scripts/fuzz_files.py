@@ -92,11 +92,11 @@ class FileMaker(Maker):
         if sort == "summary":
             return sort, ("summary.json", self.json({"title": "x", "kind": "biaxial"}), own_process)
         if sort == "manifest":
-            files = self.random.sample(
-                ["curve.csv", "summary.json", "../thesis", "checkpoint", "/etc/passwd", "", "a\0b"],
-                4,
-            )
-            text = self.json({"program": "cruciform_petsc", "files": files})
+            files = ["curve.csv", "summary.json", "checkpoint"]
+            files += self.random.sample(["../home/thesis", "/etc/passwd", "", "a\0b", "x" * 300], 2)
+            manifest = {"program": "cruciform_petsc", "files": files}
+            is_good = self.random.random() < 0.4
+            text = json.dumps(manifest).encode() if is_good else self.json(manifest)
             return sort, (".cruciform-petsc.json", text, own_process)
         part = self.random.choice(("newest", "newest", "newest", "state-1"))
         if self.random.random() < 0.2:
@@ -105,7 +105,7 @@ class FileMaker(Maker):
 
     def data(self, *, ours: bool = False) -> bytes:
         """Measured data, or a table of ours; good, or not."""
-        comma = "," if ours else self.random.choice((",", ";", "\t", " "))
+        comma = "," if ours else self.random.choice((",", ";", "\t"))
         titles = ["extension_mm", "load_N", "energy_tension_J"]
         if not ours:
             length, force = self.random.choice(LENGTHS), self.random.choice(("N", "kN", "lbf"))
@@ -115,13 +115,13 @@ class FileMaker(Maker):
             for i in range(1, self.random.randint(2, 60))
         ]
         table = [titles, *rows]
-        for _ in range(self.random.choice((0, 0, 1, 2, 5))):
+        for _ in range(self.random.choice((0, 0, 0, 1, 1, 3))):
             row = self.random.choice(table)
             how = self.random.randrange(6)
             if how == 0:
                 row[self.random.randrange(len(row))] = self.random.choice(NUMBERS)
             elif how == 1:
-                titles[self.random.randrange(3)] += self.random.choice(UNITS)
+                titles[self.random.randrange(len(titles))] += self.random.choice(UNITS)
             elif how == 2 and len(row) > 1:
                 row.pop()
             elif how == 3:
@@ -153,6 +153,8 @@ class FileMaker(Maker):
 def forge(path: Path, seed: int) -> None:
     """Change a file of a checkpoint; mostly with the right checksums."""
     maker = FileMaker(seed)
+    if maker.random.random() < 0.1:
+        return
     if path.suffix == ".npy" or maker.random.random() < 0.2:
         path.write_bytes(maker.garbage(path.read_bytes()))
     if maker.random.random() < 0.1:
@@ -226,11 +228,10 @@ def work(connection: Connection, folder: str) -> None:
         shutil.copytree(good, results)
         shutil.copy(good.with_suffix(".toml"), results.with_suffix(".toml"))
         (results / "notes.txt").write_text("mine")
-        (results / "checkpoint" / "new").symlink_to(own / "thesis" / "chapter1.tex")
+        (results / "scene.png").symlink_to(own / "thesis" / "chapter1.tex")
         path = results / name
         if "/" in name or name in ("newest", "previous", "state-1", "."):
             path = results / "checkpoint" / name
-            (results / "checkpoint" / "new").unlink()
         if isinstance(content, int):
             forge(path, content)
         else:
