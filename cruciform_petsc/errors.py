@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
-# What a terminal obeys, or shows as something else: control characters but for tab and line feed,
-# ends of line of Unicode, changes of the direction of writing, halves of characters (of file names
-# that are not UTF-8).
+# What a terminal obeys, or does not show: control characters but for tab and line feed, ends of
+# line of Unicode, changes of the direction of writing, halves of characters (of file names that
+# are not UTF-8).
 _COMMANDS = re.compile(
-    "[\0-\b\v-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufeff]"
+    "[\0-\b\v-\x1f\x7f-\x9f\xad\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]"
 )
 
 

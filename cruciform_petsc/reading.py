@@ -22,7 +22,7 @@ from .errors import InputError
 MIB = 1 << 20
 LARGEST = 64 * MIB  # of what the program has written: summaries, manifests, tables
 LARGEST_CASE = 4 * MIB
-_PARTS = 100
+_PARTS = 32
 # A key of many parts takes tomllib longer than their number, squared.
 _LONG_KEY = re.compile(
     rf"""(?<![\w"'\\-])(?>(?>[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_PARTS}}}"""

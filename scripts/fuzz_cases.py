@@ -40,6 +40,7 @@ from pathlib import Path
 from typing import Any
 
 # The parent starts processes and is no rank itself: what needs MPI is imported in the workers.
+from cruciform_petsc.errors import harmless
 from cruciform_petsc.experiments.registry import KINDS
 
 MEMORY = 200_000_000  # bytes
@@ -415,7 +416,7 @@ def end_of(arguments: list[str]) -> tuple[str, str]:
 def judged(code: int, text: str) -> str:
     """An end, by exit code and stderr."""
     one_sentence = text.count("\n") == 1 and text.startswith("cruciform-petsc: ")
-    one_sentence = one_sentence and text[:-1].isprintable()
+    one_sentence = one_sentence and harmless(text) == text
     return OK if code == 0 and not text else REFUSED if code == 2 and one_sentence else FAULT
 
 

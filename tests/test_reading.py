@@ -155,21 +155,21 @@ def test_texts(tmp_path, read):
     [
         ("a = " + "[" * 5000, "nested too deeply"),
         ("a = " + "{a=" * 5000, "nested too deeply"),
-        ("x = 1\n" + ".".join("a" * 300_000) + " = 1", r"more than 100 parts \(at line 2\)"),
-        ('"a b" . ' * 300_000 + "c = 1", "more than 100 parts"),
-        ("[" + ".".join(["'x'"] * 101) + "]", "more than 100 parts"),
+        ("x = 1\n" + ".".join("a" * 300_000) + " = 1", r"more than 32 parts \(at line 2\)"),
+        ('"a b" . ' * 300_000 + "c = 1", "more than 32 parts"),
+        ("[" + ".".join(["'x'"] * 33) + "]", "more than 32 parts"),
         ("a = 1\nb = " + "9" * 5000, r"thousands of digits \(at line 2\)"),
     ],
-    ids=["lists", "tables", "dots", "quoted", "101", "digits"],
+    ids=["lists", "tables", "dots", "quoted", "33", "digits"],
 )
 def test_texts_that_are_hard_to_read(text, message):
     with pytest.raises(ValueError, match=message):
         parse_toml(text)
 
 
-def test_keys_of_a_hundred_parts_are_read():
-    assert parse_toml(".".join(["x"] * 100) + " = '1.2.3 and a \"b\".c'")
-    assert parse_toml("# " + "sentence. " * 99 + "\na = 'x.'")
+def test_keys_of_32_parts_are_read():
+    assert parse_toml(".".join(["x"] * 32) + " = '1.2.3 and a \"b\".c'")
+    assert parse_toml("# " + "sentence. " * 31 + "\na = 'x.'")
 
 
 def test_json_that_is_hard_to_read(tmp_path):
@@ -222,4 +222,4 @@ def test_measured_data_has_bounds(tmp_path, monkeypatch):
     monkeypatch.setattr(curve, "MOST_LINES", 6)
     path.write_text(CURVE)
     assert np.allclose(read_curve(path).force, [2, 4, 6, 8, 10])
-    refused(CURVE + "6,12\n", "has 7 lines, at most 6 are read")
+    refused(CURVE + "6,12\n", "has more than 6 lines")

@@ -156,14 +156,14 @@ def _lines(path: Path, name: str) -> list[tuple[int, str]]:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")  # a name with an umlaut; the numbers are ASCII
+    if max(map(text.count, "\n\r")) > MOST_LINES:
+        raise InputError(f"{name} has more than {MOST_LINES} lines")
     lines = [(i, line.strip(" ")) for i, line in enumerate(text.splitlines(), 1)]
     for i, line in lines:
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"{name}, line {i}, has {len(line)} characters, at most {LONGEST_LINE} are read"
             )
-    if len(lines) > MOST_LINES:
-        raise InputError(f"{name} has {len(lines)} lines, at most {MOST_LINES} are read")
     return [(i, line) for i, line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 

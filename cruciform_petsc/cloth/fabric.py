@@ -121,6 +121,8 @@ class Fabric:
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, wanted="above 0 and at most 1")
         _check("tension.compression_width", self.compression_width)
+        for key in ("compression", "compression_width"):
+            _check_size(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
                 _check(name, getattr(self, name), unit)
