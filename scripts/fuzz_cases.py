@@ -206,29 +206,28 @@ class Maker:
         """What stands in the place of a file: of which kind, or its bytes."""
         n = self.random.choice((10, 100, 1_000, 100_000))
         name, quote = f"k{n}", self.random.choice(("'", '"'))
-        return self.random.choice(
-            (
-                *PLACES,
-                "x" * self.random.randint(200, 6_000),
-                f"{name} = {'[' * n}{text}".encode(),
-                f"{name} = {'{a=' * n}1{'}' * n}\n{text}".encode(),
-                f"{'.'.join([name] * n)} = 1\n{text}".encode(),
-                f"{name} = {'9' * n}\n{text}".encode(),
-                f"title = {quote}{'x' * n}{quote}\n{text}".encode(),
-                f"{text}\n{'#' * 10 * n}".encode() * self.random.choice((1, 5)),
-                "".join(f"{name}_{i} = {i}\n" for i in range(3 * n)).encode() + text.encode(),
-                f"title = {quote}\\u001b[2J{quote}\n{text}".encode(),
-                text.replace("extension = ", "extension = [" + '"1 mm",' * n + "]#").encode(),
-                text.replace(' mm"', f' mm{"^9" * min(n, 1_000)}"').encode(),
-                text.replace(' deg"', f' {"(" * min(n, 1_000)}deg"').encode(),
-                text.replace("increments = ", f"increments = {'8' * n}").encode(),
-                text.replace("refine = ", f"refine = 1{'0' * self.random.randint(1, 30)}").encode(),
-                text.encode("utf-16"),
-                b"\xef\xbb\xbf" + text.encode(),
-                b"\0" * n,
-                text.encode() + b"\0",
-            )
+        make: tuple[Callable[[], Payload], ...] = (
+            lambda: "x" * self.random.randint(200, 6_000),
+            lambda: f"{name} = {'[' * n}{text}".encode(),
+            lambda: f"{name} = {'{a=' * n}1{'}' * n}\n{text}".encode(),
+            lambda: f"{'.'.join([name] * n)} = 1\n{text}".encode(),
+            lambda: f"{name} = {'9' * n}\n{text}".encode(),
+            lambda: f"title = {quote}{'x' * n}{quote}\n{text}".encode(),
+            lambda: f"{text}\n{'#' * 10 * n}".encode() * self.random.choice((1, 5)),
+            lambda: "".join(f"k{i} = {i}\n" for i in range(3 * n)).encode() + text.encode(),
+            lambda: f"title = {quote}\\u001b[2J{quote}\n{text}".encode(),
+            lambda: text.replace("extension = ", f"extension = [{'1,' * n}]#").encode(),
+            lambda: text.replace(' mm"', f' mm{"^9" * min(n, 1_000)}"').encode(),
+            lambda: text.replace(' deg"', f' {"(" * min(n, 1_000)}deg"').encode(),
+            lambda: text.replace("increments = ", f"increments = {'8' * n}").encode(),
+            lambda: text.replace("refine = ", f"refine = 1{'0' * (n % 97)}").encode(),
+            lambda: text.encode("utf-16"),
+            lambda: b"\xef\xbb\xbf" + text.encode(),
+            lambda: b"\0" * n,
+            lambda: text.encode() + b"\0",
         )
+        chosen = self.random.choice([*PLACES, *make])
+        return chosen if isinstance(chosen, str) else chosen()
 
     # -- not good ---------------------------------------------------------------------------------
 

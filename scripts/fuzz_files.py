@@ -3,12 +3,12 @@
 
     scripts/fenicsx python3 scripts/fuzz_files.py [N] [--seed S] [--workers W] [--limit SECONDS]
 
-Half of the files are measured data, for `check` with output.measured or `calibrate`. Others lie in a folder of
-results: summary.json and curve.csv, for `compare`; the manifest of a folder that `run` writes to
-and `calibrate` refuses; parts of checkpoints, for `resume`. Some are good, most are good but for a
-few changes, with checksums that are right; some are no files at all, see fuzz_cases.py. Each
-fiftieth goes through a process of its own. Beside the results lie a user's files, in the folder
-too; none may change. Ends, output and exit code are those of fuzz_cases.py.
+Half of the files are measured data, for `check` with output.measured or `calibrate`. Others lie in
+a folder of results: summary.json and curve.csv, for `compare`; the manifest of a folder that `run`
+writes to; parts of checkpoints, for `resume`. Some are good, most are good but for a few changes,
+with checksums that are right; some are no files at all, see fuzz_cases.py. Each fiftieth goes
+through a process of its own. Beside the results lie a user's files, in the folder too; none may
+change. Ends, output and exit code are those of fuzz_cases.py.
 """
 
 from __future__ import annotations
