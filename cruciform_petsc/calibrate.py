@@ -91,6 +91,8 @@ def calibrate_case(
     fabric = case.fabric()
     log.info("%s", case.title)
     log.info("           %r", fabric)
+    for sentence in case.fabric_table.filled_in():
+        log.info("           %s", sentence)
     log.info("           %r", case.preform())
     specimens = [
         Specimen(Network(comm, each.preform(), fabric), curve, weight=weight, **test).checked()

@@ -24,7 +24,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from .errors import CruciformError, InputError
+from .errors import CruciformError, InputError, harmless
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         if _signals:  # an interrupt on its way through PETSc
             return _interrupted(control, hint)
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
-        print(text, file=sys.stderr, flush=True)
+        print(harmless(text), file=sys.stderr, flush=True)
         return _abort(control, 1)
     return _agree(control, failure)
 
@@ -174,7 +174,8 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
 
 def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
-    print(f"{PROGRAM}: {' '.join(str(failure).split())}", file=sys.stderr, flush=True)
+    text = harmless(" ".join(str(failure).split()))
+    print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
 
 
 def _abort(control: MPI.Intracomm, code: int) -> int:
@@ -298,7 +299,7 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         on_root(comm, lambda: write_new_case(args.kind, args.file))
         text = f'wrote "{args.file}"; try: {PROGRAM} check {args.file}'
     if comm.rank == 0:
-        print(text)
+        print(harmless(text))
 
 
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -346,8 +347,9 @@ def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Cas
 
     case = _load(comm, args.case, args.set)
     if args.output is not None:
-        output = case.output.model_copy(update={"directory": args.output})
-        case = case.model_copy(update={"output": output})
+        prepare_directory(comm, args.output)
+        told = dict(iter(case.output)) | {"directory": args.output}
+        case = case.model_copy(update={"output": case.output.from_data(told, "output")})
     return case, prepare_directory(comm, case.output.directory)
 
 
@@ -482,12 +484,22 @@ def _parser() -> _Parser:
     return parser
 
 
+class _Harmless(logging.Formatter):
+    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line."""
+        return harmless(super().format(record)).replace("\n", "\\n")
+
+
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     """Make the log: to stdout on rank 0, silent on the others."""
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
-    log.addHandler(logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout))
+    handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
+    handler.setFormatter(_Harmless())
+    log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
     log.setLevel(logging.CRITICAL + 1 if comm.rank else level)

@@ -113,6 +113,8 @@ def _make_network(
     """The network of a case and its sizes, told on the log. Collective."""
     fabric, preform = case.fabric(), case.preform()
     stages.log.info("%s%r", INDENT, fabric)
+    for sentence in case.fabric_table.filled_in():
+        stages.log.info("%s%s", INDENT, sentence)
     stages.log.info("%s%r", INDENT, preform)
     with stages.stage("network", "network"):
         network = Network(comm, preform, fabric)

@@ -18,6 +18,7 @@ WANTED = (("displacement", "m"), ("force", "N"))
 EXAMPLE = 'write for example "displacement [mm], force [N]"'
 DELIMITERS = ("\t", ";", "|", ",", " ")  # the last one is any blanks
 MOST_LINES_BEFORE = 500  # the titles
+MOST_LINES, LONGEST_LINE = 300_000, 10_000
 _COMMENT = re.compile(r"\s*(?:#|%|//|!)+\s*")
 _BRACKETS = "[](){}<>"
 _LAST_BRACKET = r"[\[({<][^\[\](){}<>]*[\])}>]\s*$"
@@ -96,16 +97,23 @@ def _decoded(data: bytes) -> str:
             continue
         if "\0" not in text:
             return text
-    raise InputError("is not a text file")
+    zero = f" (byte {data.index(0) + 1} is zero)" if 0 in data else ""
+    raise InputError(f"is not a text file{zero}")
 
 
 def _lines(text: str) -> list[_Line]:
     """Lines that are not empty; one ends where its quotes are closed (cells of two lines)."""
     lines: list[_Line] = []
+    if max(map(text.count, "\n\r")) > MOST_LINES:
+        raise InputError(f"has more than {MOST_LINES} lines")
     parts = re.split(r"\r\n|\r|\n", text)
     at = 0
     while at < len(parts):
         number, line = at + 1, parts[at]
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"line {number}, has {len(line)} characters, at most {LONGEST_LINE} are read"
+            )
         at += 1
         for more in range(at, min(at + 5, len(parts))):
             if line.count('"') % 2 == 0:
@@ -180,6 +188,8 @@ def _unit_of(title: str) -> str:
     """
     if re.search(r"[\s_]per[\s_].*[\[({<]", title):
         return ""  # a force per length is none, whatever stands in brackets
+    if any(title.count(first) != title.count(last) for first, last in ("[]", "()", "{}")):
+        return ""
     while bracket := re.fullmatch(r"(.*)[\[({<]([^\[\](){}<>]*)[\])}>]", title.strip()):
         if _is_unit(bracket[2].strip()) or "/" in bracket[2]:
             return bracket[2].strip()

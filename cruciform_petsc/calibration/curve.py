@@ -11,11 +11,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..quantities import force_text
-from ..units import format_si
+from ..reading import MIB, read_given
+from ..units import LIMITS, MEASURES, format_si
 from .columns import read_columns
 
 # More points than one and a half times this are averaged, each costs an equilibrium.
 MOST_POINTS = 40
+LARGEST_CURVE = 64 * MIB
 FEWEST_POINTS = 4
 # Fall of the displacement, over its range, that is a turn of the machine and no noise.
 TURN = 0.02
@@ -23,10 +25,6 @@ NOISE = 1e-3  # of the range: a displacement or a force as small is none
 SLACK = 0.02  # of the range: what a specimen may give before it carries a load
 FALL = 0.1  # behind the largest force, that is a rupture or a slip and no noise
 AT_REST = 0.02  # of the median force: a force at rest that is told
-_PROBLEMS: dict[type[OSError], str] = {
-    FileNotFoundError: "does not exist",
-    IsADirectoryError: "is a folder, name a CSV file in it",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +52,12 @@ class MeasuredCurve:
             raise InputError(f"displacement and force differ in length, {d.size} and {f.size}")
         if not (np.isfinite(d).all() and np.isfinite(f).all()):
             raise InputError("the measured curve has numbers that are not finite")
+        for values, unit in ((d, "m"), (f, "N")):
+            if np.abs(values).max(initial=0.0) > LIMITS[unit][1]:
+                raise InputError(
+                    f"the measured curve goes up to {format_si(np.abs(values).max(), unit)}, "
+                    f"{MEASURES[unit][0]} is at most {format_si(LIMITS[unit][1], unit)}"
+                )
         rows = len(d)
         d, f, notes = _loading_branch(d, f) if rows else (d, f, [])
         step = np.unique(d, return_inverse=True)[1]
@@ -163,11 +167,7 @@ def read_curve(path: str | Path, columns: str | None = None) -> MeasuredCurve:
     the line.
     """
     name = f'measured curve "{path}"'
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        problem = _PROBLEMS.get(type(error), f"cannot be read: {error.strerror}")
-        raise InputError(f"{name} {problem}") from None
+    data = read_given(path, "measured curve", "CSV", LARGEST_CURVE, zeros=True)
     try:
         displacement, force = read_columns(data, columns)
     except InputError as error:

@@ -76,9 +76,9 @@ class Specimen:
         no law of shear gives these loads. InputError for a kind or a weight that is none, and where
         most points are such.
         """
-        if not (np.isfinite(self.weight) and self.weight > 0.0):
+        if not 1e-12 <= self.weight <= 1e12:
             raise InputError(
-                f"the weight of a curve must be positive and finite, got {self.weight:g}"
+                f"the weight of a curve must be positive, from 1e-12 to 1e12, got {self.weight:g}"
             )
         if self.kind not in KINDS:
             raise InputError(f"kind is '{self.kind}'; it can be '{KINDS[0]}' or '{KINDS[1]}'")

@@ -13,7 +13,7 @@ from ..calibration.load_curve import PLACE
 from ..calibration.result import LARGEST_ERROR, Calibration, Comparison, Prediction, rms
 from ..cloth.fabric import TORQUE
 from ..parallel import on_root
-from .pictures import COLOURS, DASHES, save
+from .pictures import COLOURS, DASHES, plain_text, save
 from .tables import write_csv, write_json, written_whole
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def figure(calibration: Calibration, title: str = "") -> Figure:
     _draw_residuals(chart.add_subplot(grid[1, 0], sharex=curves), calibration)
     _draw_law(chart.add_subplot(grid[:, 1]), calibration)
     if title:
-        chart.suptitle(title, fontsize=10.5)
+        chart.suptitle(plain_text(title), fontsize=10.5)
     return chart
 
 
