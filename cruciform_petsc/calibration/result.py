@@ -18,7 +18,7 @@ from .specimen import FormulaGap, Specimen
 
 LARGEST_ERROR = 0.2  # relative; a value whose standard error is larger counts as not determined
 POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
-RULING = 0.4  # share of the sum of squares of one point that is told
+RULING = 0.5  # share of the sum of squares of one point that is told
 GOOD_POINT = 0.02  # relative error of a point that rules nothing
 
 
