@@ -180,6 +180,8 @@ def _unit_of(title: str) -> str:
     """
     if re.search(r"[\s_]per[\s_].*[\[({<]", title):
         return ""  # a force per length is none, whatever stands in brackets
+    if any(title.count(first) != title.count(last) for first, last in ("[]", "()", "{}")):
+        return ""
     while bracket := re.fullmatch(r"(.*)[\[({<]([^\[\](){}<>]*)[\])}>]", title.strip()):
         if _is_unit(bracket[2].strip()) or "/" in bracket[2]:
             return bracket[2].strip()
