@@ -96,7 +96,8 @@ def _decoded(data: bytes) -> str:
             continue
         if "\0" not in text:
             return text
-    raise InputError("is not a text file")
+    zero = f" (byte {data.index(0) + 1} is zero)" if 0 in data else ""
+    raise InputError(f"is not a text file{zero}")
 
 
 def _lines(text: str) -> list[_Line]:
