@@ -20,6 +20,7 @@ DELIMITERS = ("\t", ";", "|", ",", " ")  # the last one is any blanks
 MOST_LINES_BEFORE = 500  # the titles
 MOST_LINES, LONGEST_LINE = 300_000, 10_000
 _COMMENT = re.compile(r"\s*(?:#|%|//|!)+\s*")
+_PAIRS = (("[", "]"), ("(", ")"), ("{", "}"))
 _BRACKETS = "[](){}<>"
 _LAST_BRACKET = r"[\[({<][^\[\](){}<>]*[\])}>]\s*$"
 # What may stand in a unit beside lengths and forces; "N s" is no force, "J/mm" no length.
@@ -188,7 +189,7 @@ def _unit_of(title: str) -> str:
     """
     if re.search(r"[\s_]per[\s_].*[\[({<]", title):
         return ""  # a force per length is none, whatever stands in brackets
-    if any(title.count(first) != title.count(last) for first, last in ("[]", "()", "{}")):
+    if any(title.count(first) != title.count(last) for first, last in _PAIRS):
         return ""
     while bracket := re.fullmatch(r"(.*)[\[({<]([^\[\](){}<>]*)[\])}>]", title.strip()):
         if _is_unit(bracket[2].strip()) or "/" in bracket[2]:
