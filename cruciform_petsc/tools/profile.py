@@ -218,7 +218,8 @@ class Profile(Surface):
         for k in range(len(along)):  # the straight piece, then the fillet at its end
             if 0 < k < len(along) - 1:
                 t0, t1 = taken[k - 1], length[k] - taken[k]
-                rows.append([_LINE, *path[k - 1], *along[k], *normal[k], t0, max(t1, t0)])
+                if t1 - t0 > 1e-9 * length[k]:  # else the fillets meet
+                    rows.append([_LINE, *path[k - 1], *along[k], *normal[k], t0, t1])
             elif k == 0 and not on_axis:
                 rows.append([_LINE, *path[0], *along[0], *normal[0], -np.inf, -taken[0]])
                 drawn.append(path[0] - [0.0, max(self.depth, taken[0])])
@@ -280,8 +281,8 @@ class Profile(Surface):
         outline = self.outline(chord)
         r, z = outline.T
         if self.turned:
-            sectors = 2 * pieces_of_arc(float(r.max()), math.pi, chord)
-            angle = np.linspace(0.0, math.pi, sectors // 2 + 1)
+            quarter = pieces_of_arc(float(r.max()), 0.5 * math.pi, chord)
+            angle = np.linspace(0.0, math.pi, 2 * quarter + 1)
             angle = np.concatenate([angle, angle + math.pi])
             offset = np.repeat([self.spine, -self.spine], len(angle) // 2)
             x = np.outer(r, np.cos(angle))

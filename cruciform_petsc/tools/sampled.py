@@ -78,7 +78,8 @@ class Sampled(Surface):
     def look(self, points: np.ndarray) -> Look:
         """See Surface.look; the normal is the distance's gradient, of about unit length.
 
-        Beyond the grid, which ends farther than `reach` from the tool, it is that to a box around it.
+        Beyond the grid, which ends farther than `reach` from the tool, it is that to a box
+        around the tool.
         """
         points = np.array(points, float)
         if self._axis >= 0:  # behind, a skin goes on as it is
@@ -158,7 +159,7 @@ class Sampled(Surface):
                 "other, bodies overlap or are turned against each other; make it one clean surface"
             )
         coefficients = ndimage.spline_filter(distance, order=3, output=float)
-        closest = radii(body, 0.1 * cell)
+        closest = radii(body)
         surface = cls(
             coefficients, origin, cell, reach, body.points, body.triangles, body.axis, body.towards,
             closest, (),
