@@ -13,6 +13,7 @@ from cruciform_petsc.tools import sampled
 from cruciform_petsc.tools.facets import checked, height_facets
 from cruciform_petsc.tools.sampled import Sampled, from_file, height_field
 from cruciform_petsc.tools.shapes import Box, opening, sphere
+from cruciform_petsc.tools.surface import touch
 
 MM = 1e-3
 
@@ -125,6 +126,14 @@ def test_height_field_is_the_double_dome():
     x, y = np.random.default_rng(8).uniform(-0.055, 0.055, (2, 3000))
     assert np.abs(grid.look(np.column_stack([x, y, dome(x, y)]))[0]).max() < 2e-5
     assert min(grid.closest_radius) == pytest.approx(0.03**2 / (0.01 * np.pi**2), rel=0.1)
+
+
+def test_touch():
+    """Points from far outside of the grid meet the ball at a slant; from inside they step back."""
+    grid = Sampled.of_body(checked("ball", *sphere(0.02).facets(2e-5), None), 1e-3)
+    for at in ([0.3, 0.0, 0.3], [0.005, 0.0, 0.005]):
+        travel, _ = touch(grid, np.array([at, [0.5, 0.5, 0.5]]), np.array([-1.0, 0.0, -1.0]), 1e-3)
+        assert travel == pytest.approx(np.linalg.norm(at) - 0.021, abs=2e-6)
 
 
 def test_fast_enough():
