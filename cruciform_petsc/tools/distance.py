@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from .facets import SHARP, Body, pairs, vectors
+from .facets import SHARP, Body, normals, pairs, vectors
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -61,11 +61,13 @@ def _closest(p, a, b, c, point, share):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _nearest(points, triangles, origin, cell, band, distance, facet):
+def _nearest(points, triangles, normal, origin, cell, band, distance, facet):
     """Closest facet of each grid point within a band, and its distance."""
     p, q, low, high = np.empty(3), np.empty(3), np.empty(3, np.int64), np.empty(3, np.int64)
     centre, share = np.empty(3), np.empty(2)
     for k in range(triangles.shape[0]):
+        if normal[k, 0] == 0.0 and normal[k, 1] == 0.0 and normal[k, 2] == 0.0:
+            continue  # nothing but its edges, which are those of others
         a, b, c = points[triangles[k, 0]], points[triangles[k, 1]], points[triangles[k, 2]]
         for i in range(3):
             least, most = min(a[i], b[i], c[i]), max(a[i], b[i], c[i])
@@ -145,7 +147,7 @@ def _smooth_normals(triangles, first, around, area, normal, least, result):
                         n[r] += area[g, r]
             size = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
             for r in range(3):
-                result[k, i, r] = n[r] / size
+                result[k, i, r] = n[r] / size if size > 0.0 else 0.0
 
 
 def _bulge(points, triangles, area, normal) -> np.ndarray:
@@ -174,7 +176,7 @@ def sample(
     grid point of the band: the truth or at most a cell more.
     """
     area = vectors(body.points, body.triangles)
-    normal = area / np.linalg.norm(area, axis=1, keepdims=True)
+    normal = normals(body.points, body.triangles)
     triangles = np.ascontiguousarray(body.triangles, np.int32)
     at_edge: np.ndarray = np.repeat(normal[:, None], 3, axis=1).reshape(-1, 3)
     first, second = pairs(triangles).T
@@ -189,7 +191,7 @@ def sample(
     bulge = _bulge(body.points, triangles, area, normal)
     distance: np.ndarray = np.full(shape, np.inf)
     facet: np.ndarray = np.full(shape, -1, np.int32)
-    _nearest(body.points, triangles, origin, cell, band, distance, facet)
+    _nearest(body.points, triangles, normal, origin, cell, band, distance, facet)
     far = facet < 0
     nearest = ndimage.distance_transform_edt(far, return_distances=False, return_indices=True)
     facet = facet[tuple(nearest)]

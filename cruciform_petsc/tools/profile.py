@@ -27,6 +27,7 @@ from .surface import Facets, Look, Surface
 # +1 (bulges) or -1 (hollow), R, cosine of half its angle.
 _WIDTH = 9
 _LINE, _ARC = 0.0, 1.0
+ROUNDING = 1e-6  # of the size of some facets: points this close are one
 EDGE = 0.02  # default radius of an edge, of the tool's smaller side; of a smooth profile's rims
 
 
@@ -317,7 +318,7 @@ def join(points: np.ndarray, around: bool) -> Facets:
 def clean(points: np.ndarray, triangles: np.ndarray) -> Facets:
     """Make points that coincide one, and leave out triangles without an area."""
     size = float(np.ptp(points, axis=0).max())
-    keys = np.round((points - points.min(axis=0)) / (1e-7 * size)).astype(np.int64)
+    keys = np.round((points - points.min(axis=0)) / (ROUNDING * size)).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     triangles = inverse.reshape(-1)[triangles]
     a, b, c = triangles.T

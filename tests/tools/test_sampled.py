@@ -344,6 +344,23 @@ def test_sides_of_a_closed_body(tmp_path, ball):
     assert surface.look(at + np.array([0.05, 0, 0]))[0] == pytest.approx(1e-3, abs=2e-5)
 
 
+def test_facets_without_a_width(tmp_path):
+    """As modellers write them, to close the crack beside a corner in the middle of an edge."""
+    points, facets = sphere(0.02).facets(5e-5)
+    a, b, c = facets[-1]
+    points = np.vstack([points, 0.5 * (points[a] + points[b])])
+    new = len(points) - 1
+    facets = np.vstack([facets[:-1], [a, new, c], [new, b, c], [a, b, new]])
+    write_ply(tmp_path / "a.ply", points / MM, facets)
+    write_stl(tmp_path / "a.stl", points / MM, facets)
+    for name in ("a.ply", "a.stl"):
+        surface = from_file(tmp_path / name, MM, cell=1e-3, cache=False)
+        at = shell(sphere(0.02), 3000, 1.5e-3)
+        found, exact = surface.look(at), sphere(0.02).look(at)
+        assert np.abs(found[0] - exact[0]).max() < 2e-5
+        assert surface.closest_radius[0] == pytest.approx(0.02, rel=0.05)
+
+
 def test_cache(tmp_path, ball, monkeypatch):
     home = tmp_path / "home"
     monkeypatch.setenv("XDG_CACHE_HOME", str(home))

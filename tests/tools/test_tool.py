@@ -152,6 +152,13 @@ def test_shapes_that_cannot_be_name_their_tool(shape, words):
         shaped(shape).build()
 
 
+def test_remarks():
+    die = table(FORM).build()
+    assert die.remarks(5e-3) == []
+    (remark,) = die.remarks(8e-3)
+    assert remark == ('tool "die" has radii down to 7.5 mm, less than the cloth\'s thickness, 8 mm')
+
+
 def test_every_shape_is_a_key():
     assert set(SHAPES) | {"unit", "side", "cell"} == set(ShapeTable.keys())
 
