@@ -15,6 +15,8 @@ from scipy import ndimage
 
 from .facets import SHARP, Body, normals, pairs, vectors
 
+BAND = 4  # cells
+
 
 @numba.njit(cache=True, error_model="numpy")
 def _closest(p, a, b, c, point, share):
@@ -102,6 +104,38 @@ def _nearest(points, triangles, normal, origin, cell, band, distance, facet):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _spread(points, triangles, origin, cell, exact, limit, distance, facet):
+    """Try the facets of each grid point's neighbours, in eight sweeps; `exact` ones stay."""
+    p, q, share = np.empty(3), np.empty(3), np.empty(2)
+    n0, n1, n2 = distance.shape
+    for sweep in range(8):
+        s0, s1, s2 = 1 - 2 * (sweep & 1), 1 - (sweep & 2), 1 - (sweep & 4) // 2
+        for i in range(n0) if s0 > 0 else range(n0 - 1, -1, -1):
+            p[0] = origin[0] + i * cell
+            for j in range(n1) if s1 > 0 else range(n1 - 1, -1, -1):
+                p[1] = origin[1] + j * cell
+                for m in range(n2) if s2 > 0 else range(n2 - 1, -1, -1):
+                    if distance[i, j, m] <= exact or (sweep and distance[i, j, m] > limit):
+                        continue
+                    p[2] = origin[2] + m * cell
+                    for neighbour in range(0 if sweep == 0 else 1, 8):  # 0: itself
+                        x = i - s0 * (neighbour & 1)
+                        y = j - s1 * ((neighbour & 2) // 2)
+                        z = m - s2 * ((neighbour & 4) // 4)
+                        if not (0 <= x < n0 and 0 <= y < n1 and 0 <= z < n2):
+                            continue
+                        k = facet[x, y, z]
+                        if neighbour and k == facet[i, j, m]:
+                            continue
+                        corners = triangles[k]
+                        a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
+                        _closest(p, a, b, c, q, share)
+                        away = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+                        if away < distance[i, j, m]:
+                            distance[i, j, m], facet[i, j, m] = away, k
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _signed(points, triangles, normal, at_edge, at_corner, bulge, origin, cell, facet, distance):
     """Signed distance of each grid point to a facet of its own."""
     p, q, n, share = np.empty(3), np.empty(3), np.empty(3), np.empty(2)
@@ -168,12 +202,13 @@ def _bulge(points, triangles, area, normal) -> np.ndarray:
 
 
 def sample(
-    body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float, band: float
+    body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float, reach: float
 ) -> np.ndarray:
     """Signed distance to a body at the points of a grid, float `shape`, m.
 
-    Exact within `band` [m] of the surface. Beyond, it is that to the facet closest to the nearest
-    grid point of the band: the truth or at most a cell more.
+    Within BAND cells of the surface all facets are tried; beyond, those that were closest to the
+    nearest such grid point and, within `reach` [m], to any neighbour. Farther away it is the truth
+    or at most a cell more.
     """
     area = vectors(body.points, body.triangles)
     normal = normals(body.points, body.triangles)
@@ -191,10 +226,13 @@ def sample(
     bulge = _bulge(body.points, triangles, area, normal)
     distance: np.ndarray = np.full(shape, np.inf)
     facet: np.ndarray = np.full(shape, -1, np.int32)
-    _nearest(body.points, triangles, normal, origin, cell, band, distance, facet)
+    exact = BAND * cell
+    _nearest(body.points, triangles, normal, origin, cell, exact, distance, facet)
     far = facet < 0
     nearest = ndimage.distance_transform_edt(far, return_distances=False, return_indices=True)
     facet = facet[tuple(nearest)]
+    if reach > exact:
+        _spread(body.points, triangles, origin, cell, exact, reach + 2 * exact, distance, facet)
     at_edge = at_edge.reshape(-1, 3, 3)
     _signed(
         body.points, triangles, normal, at_edge, at_corner, bulge, origin, cell, facet, distance
