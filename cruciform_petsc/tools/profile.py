@@ -38,7 +38,7 @@ def _look(points, pieces, turned, spine, distance, normal, curvature):
         y -= min(max(y, -spine), spine)
         r = np.sqrt(x * x + y * y) if turned else x
         least, across = np.inf, 0.0
-        d, nr, nz = 0.0, 0.0, 1.0
+        d = nr = nz = np.nan  # stays so where the point is
         for k in range(pieces.shape[0]):
             piece = pieces[k]
             u, v = r - piece[1], z - piece[2]

@@ -99,6 +99,13 @@ def test_far_away_is_never_near():
     assert (found[truth < -1e-3] < 0.0).all()
 
 
+def test_what_is_no_point_shows():
+    grid = Sampled.of_body(checked("ball", *sphere(0.02).facets(1e-4), None), 2e-3)
+    distance, normal, _ = grid.look(np.array([[0.0, np.nan, 0.0], [0.01, 0.0, 0.0]]))
+    assert np.isnan(distance).tolist() == [True, False]
+    assert np.isnan(normal[0]).all()
+
+
 def test_open_skin_goes_on_behind():
     """A die's skin with its hole: inside of the wall and far below the flat nothing is lost."""
     exact = opening(0.02, 0.004, 0.05)

@@ -153,6 +153,14 @@ def test_on_the_axis_and_in_the_centre():
             assert np.isfinite(part).all()
 
 
+@EACH
+def test_what_is_no_point_shows(shape):
+    for i in (1,) if shape is SHAPES["cylinder with ends"] else (0, 2):
+        point = np.zeros((1, 3))
+        point[0, i] = np.nan
+        assert np.isnan(shape.look(point)[0]).all()
+
+
 def test_radii_are_told():
     assert SHAPES["cone"].closest_radius == (0.005, 0.01)  # of corners that bulge, and hollow ones
     assert sphere(0.075).closest_radius == (0.075, np.inf)
