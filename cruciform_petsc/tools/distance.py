@@ -3,7 +3,8 @@
 
 The sign is that of the normal at the closest point; on an edge that is the sum of its two facets'
 normals, at a corner that of all facets weighted by their angles (Baerentzen and Aanaes, IEEE
-Transactions on Visualization and Computer Graphics 11, 2005).
+Transactions on Visualization and Computer Graphics 11, 2005). Facets stand for a smooth surface:
+between them and it distances are corrected, or forces of contact would show every facet.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ import numba
 import numpy as np
 from scipy import ndimage
 
-from .facets import Body, pairs, vectors
+from .facets import SHARP, Body, normals, pairs, vectors
+
+BAND = 4  # cells
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _closest(p, a, b, c, point):
-    """Write the closest point of a triangle. It lies in: 0 to 2, corner; 3 to 5, edge; 6, facet.
+def _closest(p, a, b, c, point, share):
+    """Write the closest point of a triangle and its shares of b and c.
+
+    It lies in: 0 to 2, a corner; 3 to 5, the edge after that; 6, inside.
 
     The regions of C. Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
     """
@@ -50,6 +55,7 @@ def _closest(p, a, b, c, point):
     else:
         total = va + vb + vc
         v, w = vb / total, vc / total
+    share[0], share[1] = v, w
     point[0] = a[0] + v * ab0 + w * ac0
     point[1] = a[1] + v * ab1 + w * ac1
     point[2] = a[2] + v * ab2 + w * ac2
@@ -57,11 +63,13 @@ def _closest(p, a, b, c, point):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _nearest(points, triangles, origin, cell, band, distance, facet):
+def _nearest(points, triangles, normal, origin, cell, band, distance, facet):
     """Closest facet of each grid point within a band, and its distance."""
     p, q, low, high = np.empty(3), np.empty(3), np.empty(3, np.int64), np.empty(3, np.int64)
-    centre = np.empty(3)
+    centre, share = np.empty(3), np.empty(2)
     for k in range(triangles.shape[0]):
+        if normal[k, 0] == 0.0 and normal[k, 1] == 0.0 and normal[k, 2] == 0.0:
+            continue  # nothing but its edges, which are those of others
         a, b, c = points[triangles[k, 0]], points[triangles[k, 1]], points[triangles[k, 2]]
         for i in range(3):
             least, most = min(a[i], b[i], c[i]), max(a[i], b[i], c[i])
@@ -86,7 +94,7 @@ def _nearest(points, triangles, origin, cell, band, distance, facet):
                         away += (p[r] - centre[r]) ** 2
                     if away >= (around + min(distance[i, j, m], band)) ** 2:
                         continue
-                    _closest(p, a, b, c, q)
+                    _closest(p, a, b, c, q, share)
                     away = 0.0
                     for r in range(3):
                         away += (p[r] - q[r]) ** 2
@@ -96,9 +104,41 @@ def _nearest(points, triangles, origin, cell, band, distance, facet):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _signed(points, triangles, normal, at_edge, at_corner, origin, cell, facet, distance):
+def _spread(points, triangles, origin, cell, exact, limit, distance, facet):
+    """Try the facets of each grid point's neighbours, in eight sweeps; `exact` ones stay."""
+    p, q, share = np.empty(3), np.empty(3), np.empty(2)
+    n0, n1, n2 = distance.shape
+    for sweep in range(8):
+        s0, s1, s2 = 1 - 2 * (sweep & 1), 1 - (sweep & 2), 1 - (sweep & 4) // 2
+        for i in range(n0) if s0 > 0 else range(n0 - 1, -1, -1):
+            p[0] = origin[0] + i * cell
+            for j in range(n1) if s1 > 0 else range(n1 - 1, -1, -1):
+                p[1] = origin[1] + j * cell
+                for m in range(n2) if s2 > 0 else range(n2 - 1, -1, -1):
+                    if distance[i, j, m] <= exact or (sweep and distance[i, j, m] > limit):
+                        continue
+                    p[2] = origin[2] + m * cell
+                    for neighbour in range(0 if sweep == 0 else 1, 8):  # 0: itself
+                        x = i - s0 * (neighbour & 1)
+                        y = j - s1 * ((neighbour & 2) // 2)
+                        z = m - s2 * ((neighbour & 4) // 4)
+                        if not (0 <= x < n0 and 0 <= y < n1 and 0 <= z < n2):
+                            continue
+                        k = facet[x, y, z]
+                        if neighbour and k == facet[i, j, m]:
+                            continue
+                        corners = triangles[k]
+                        a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
+                        _closest(p, a, b, c, q, share)
+                        away = np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+                        if away < distance[i, j, m]:
+                            distance[i, j, m], facet[i, j, m] = away, k
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _signed(points, triangles, normal, at_edge, at_corner, bulge, origin, cell, facet, distance):
     """Signed distance of each grid point to a facet of its own."""
-    p, q, n = np.empty(3), np.empty(3), np.empty(3)
+    p, q, n, share = np.empty(3), np.empty(3), np.empty(3), np.empty(2)
     for i in range(distance.shape[0]):
         p[0] = origin[0] + i * cell
         for j in range(distance.shape[1]):
@@ -107,7 +147,8 @@ def _signed(points, triangles, normal, at_edge, at_corner, origin, cell, facet, 
                 p[2] = origin[2] + m * cell
                 k = facet[i, j, m]
                 corners = triangles[k]
-                where = _closest(p, points[corners[0]], points[corners[1]], points[corners[2]], q)
+                a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
+                where = _closest(p, a, b, c, q, share)
                 if where < 3:
                     n[:] = at_corner[corners[where]]
                 elif where < 6:
@@ -118,19 +159,59 @@ def _signed(points, triangles, normal, at_edge, at_corner, origin, cell, facet, 
                 for r in range(3):
                     away += (p[r] - q[r]) ** 2
                     side += n[r] * (p[r] - q[r])
+                v, w = share[0], share[1]
+                u = 1.0 - v - w
                 distance[i, j, m] = np.sqrt(away) if side >= 0.0 else -np.sqrt(away)
+                distance[i, j, m] -= u * v * bulge[k, 0] + v * w * bulge[k, 1] + w * u * bulge[k, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _smooth_normals(triangles, first, around, area, normal, least, result):
+    """Normal of each facet's corners: that of all facets there that are no sharp edge away."""
+    n = np.empty(3)
+    for k in range(triangles.shape[0]):
+        for i in range(3):
+            n[:] = 0.0
+            for g in around[first[triangles[k, i]] : first[triangles[k, i] + 1]]:
+                cosine = 0.0
+                for r in range(3):
+                    cosine += normal[k, r] * normal[g, r]
+                if cosine > least:
+                    for r in range(3):
+                        n[r] += area[g, r]
+            size = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+            for r in range(3):
+                result[k, i, r] = n[r] / size if size > 0.0 else 0.0
+
+
+def _bulge(points, triangles, area, normal) -> np.ndarray:
+    """How facets have to bulge to be smooth, float (k, 3) m: four times the height over each edge.
+
+    With n_i the normals at its corners p_i and l_i a point's shares of them, a facet is raised by
+    sum l_i l_j c_ij, c_ij = (p_j - p_i).(n_j - n_i)/2: the quadratic part of A. Vlachos et al.,
+    Curved PN triangles, 2001. Where facets meet at more than 40 degrees, the edge stays sharp.
+    """
+    order = np.argsort(triangles.ravel(), kind="stable")
+    first = np.searchsorted(triangles.ravel()[order], np.arange(len(points) + 1))
+    at = np.empty((len(triangles), 3, 3))
+    area = area * np.linalg.norm(area, axis=1, keepdims=True)
+    _smooth_normals(triangles, first, order // 3, area, normal, np.cos(SHARP), at)
+    corners = points[triangles]
+    ahead = [1, 2, 0]
+    return 0.5 * ((corners[:, ahead] - corners) * (at[:, ahead] - at)).sum(axis=2)
 
 
 def sample(
-    body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float, band: float
+    body: Body, origin: np.ndarray, shape: tuple[int, ...], cell: float, reach: float
 ) -> np.ndarray:
     """Signed distance to a body at the points of a grid, float `shape`, m.
 
-    Exact within `band` [m] of the surface. Beyond, it is that to the facet closest to the nearest
-    grid point of the band: the truth or at most a cell more.
+    Within BAND cells of the surface all facets are tried; beyond, those that were closest to the
+    nearest such grid point and, within `reach` [m], to any neighbour. Farther away it is the truth
+    or at most a cell more.
     """
     area = vectors(body.points, body.triangles)
-    normal = area / np.linalg.norm(area, axis=1, keepdims=True)
+    normal = normals(body.points, body.triangles)
     triangles = np.ascontiguousarray(body.triangles, np.int32)
     at_edge: np.ndarray = np.repeat(normal[:, None], 3, axis=1).reshape(-1, 3)
     first, second = pairs(triangles).T
@@ -142,14 +223,20 @@ def sample(
         sine = np.linalg.norm(np.cross(u, v), axis=1)
         angle = np.arctan2(sine, np.einsum("ij,ij->i", u, v))
         np.add.at(at_corner, triangles[:, k], angle[:, None] * normal)
+    bulge = _bulge(body.points, triangles, area, normal)
     distance: np.ndarray = np.full(shape, np.inf)
     facet: np.ndarray = np.full(shape, -1, np.int32)
-    _nearest(body.points, triangles, origin, cell, band, distance, facet)
+    exact = BAND * cell
+    _nearest(body.points, triangles, normal, origin, cell, exact, distance, facet)
     far = facet < 0
     nearest = ndimage.distance_transform_edt(far, return_distances=False, return_indices=True)
     facet = facet[tuple(nearest)]
+    if reach > exact:
+        _spread(body.points, triangles, origin, cell, exact, reach + 2 * exact, distance, facet)
     at_edge = at_edge.reshape(-1, 3, 3)
-    _signed(body.points, triangles, normal, at_edge, at_corner, origin, cell, facet, distance)
+    _signed(
+        body.points, triangles, normal, at_edge, at_corner, bulge, origin, cell, facet, distance
+    )
     # Between a far point and the band there is no surface: they lie on the same side.
     near = distance[tuple(axis[far] for axis in nearest)]
     distance[far] = np.copysign(distance[far], near)

@@ -14,11 +14,11 @@ from scipy.spatial import Delaunay
 
 from ..errors import InputError
 from ..units import format_si
-from .profile import clean
+from .profile import ROUNDING, clean
 
 SIDES = {f"{sign}{axis}": k for k, axis in enumerate("xyz") for sign in "+-"}
 _LARGEST, _SMALLEST = 20.0, 2e-3  # m, of a tool
-_SHARP = math.radians(40.0)  # beyond it two facets meet at an edge and are not one smooth surface
+SHARP = math.radians(40.0)  # beyond it two facets meet at an edge and are not one smooth surface
 _AWAY = 1e-3  # share of a skin that may face away from its side
 
 
@@ -297,6 +297,16 @@ def vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
+def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Unit normals (k, 3) of the triangles; zero of those without a width, which close cracks."""
+    area = vectors(points, triangles)
+    size = np.linalg.norm(area, axis=1, keepdims=True)
+    edges = points[triangles[:, [1, 2, 0]]] - points[triangles]
+    longest = np.linalg.norm(edges, axis=2).max(axis=1, keepdims=True)
+    flat = size <= ROUNDING * np.ptp(points, axis=0).max() * longest
+    return np.divide(area, size, out=np.zeros_like(area), where=~flat)
+
+
 def _at(point: np.ndarray) -> str:
     return "(" + ", ".join(format_si(float(x), "m") for x in point) + ")"
 
@@ -392,17 +402,18 @@ def _oriented(
     return np.where(turn[:, None], triangles[:, ::-1], triangles), body
 
 
-def radii(body: Body, least: float) -> tuple[float, float]:
+def radii(body: Body) -> tuple[float, float]:
     """Smallest radii where a body bulges and where it is hollow, m, as its facets tell them.
 
     Two facets at an angle a whose far corners are h_1 and h_2 from the edge between them approach
     a radius of (h_1 + h_2)/(4 tan(a/2)); beyond 40 degrees they make a sharp edge, of radius 0.
-    Facets smaller than `least` [m] do not count; of all edges the sharpest half percent does not.
+    Angles that rounding of the points (to 1e-6 of the size) could make do not count; nor does the
+    sharpest half percent of all edges.
     """
     triangles = body.triangles[: body.skin]
     area = vectors(body.points, triangles)
     size = np.linalg.norm(area, axis=1)
-    normal = area / size[:, None]
+    normal = normals(body.points, triangles)
     first, second = pairs(triangles).T
     ends = body.points[_directed(triangles)[first]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -412,8 +423,9 @@ def radii(body: Body, least: float) -> tuple[float, float]:
     far = triangles[g, (second % 3 + 2) % 3]
     hollow = np.einsum("ij,ij->i", body.points[far] - ends[:, 0], normal[f]) > 0.0
     height = (size[f] + size[g]) / length
-    radius = np.where(angle > _SHARP, 0.0, height / (4.0 * np.tan(0.5 * angle) + 1e-300))
-    counts = (height > 2.0 * least) & (angle > math.radians(0.05))
+    radius = np.where(angle > SHARP, 0.0, height / (4.0 * np.tan(0.5 * angle) + 1e-300))
+    rounding = ROUNDING * np.ptp(body.points, axis=0).max() * length
+    counts = (angle - math.radians(0.05)) * np.minimum(size[f], size[g]) > rounding
 
     def smallest(which: np.ndarray) -> float:
         chosen = which & counts

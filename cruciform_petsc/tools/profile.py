@@ -27,6 +27,7 @@ from .surface import Facets, Look, Surface
 # +1 (bulges) or -1 (hollow), R, cosine of half its angle.
 _WIDTH = 9
 _LINE, _ARC = 0.0, 1.0
+ROUNDING = 1e-6  # of the size of some facets: points this close are one
 EDGE = 0.02  # default radius of an edge, of the tool's smaller side; of a smooth profile's rims
 
 
@@ -37,7 +38,7 @@ def _look(points, pieces, turned, spine, distance, normal, curvature):
         y -= min(max(y, -spine), spine)
         r = np.sqrt(x * x + y * y) if turned else x
         least, across = np.inf, 0.0
-        d, nr, nz = 0.0, 0.0, 1.0
+        d = nr = nz = np.nan  # stays so where the point is
         for k in range(pieces.shape[0]):
             piece = pieces[k]
             u, v = r - piece[1], z - piece[2]
@@ -218,7 +219,8 @@ class Profile(Surface):
         for k in range(len(along)):  # the straight piece, then the fillet at its end
             if 0 < k < len(along) - 1:
                 t0, t1 = taken[k - 1], length[k] - taken[k]
-                rows.append([_LINE, *path[k - 1], *along[k], *normal[k], t0, max(t1, t0)])
+                if t1 - t0 > 1e-9 * length[k]:  # else the fillets meet
+                    rows.append([_LINE, *path[k - 1], *along[k], *normal[k], t0, t1])
             elif k == 0 and not on_axis:
                 rows.append([_LINE, *path[0], *along[0], *normal[0], -np.inf, -taken[0]])
                 drawn.append(path[0] - [0.0, max(self.depth, taken[0])])
@@ -280,8 +282,8 @@ class Profile(Surface):
         outline = self.outline(chord)
         r, z = outline.T
         if self.turned:
-            sectors = 2 * pieces_of_arc(float(r.max()), math.pi, chord)
-            angle = np.linspace(0.0, math.pi, sectors // 2 + 1)
+            quarter = pieces_of_arc(float(r.max()), 0.5 * math.pi, chord)
+            angle = np.linspace(0.0, math.pi, 2 * quarter + 1)
             angle = np.concatenate([angle, angle + math.pi])
             offset = np.repeat([self.spine, -self.spine], len(angle) // 2)
             x = np.outer(r, np.cos(angle))
@@ -316,7 +318,7 @@ def join(points: np.ndarray, around: bool) -> Facets:
 def clean(points: np.ndarray, triangles: np.ndarray) -> Facets:
     """Make points that coincide one, and leave out triangles without an area."""
     size = float(np.ptp(points, axis=0).max())
-    keys = np.round((points - points.min(axis=0)) / (1e-7 * size)).astype(np.int64)
+    keys = np.round((points - points.min(axis=0)) / (ROUNDING * size)).astype(np.int64)
     _, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     triangles = inverse.reshape(-1)[triangles]
     a, b, c = triangles.T

@@ -21,7 +21,7 @@ from scipy import ndimage
 
 from ..errors import InputError
 from ..units import format_si
-from .distance import read_spline, sample, worst_jump
+from .distance import BAND, read_spline, sample, worst_jump
 from .facets import SIDES, Body, checked, height_facets, radii, read
 from .surface import Facets, Look, Surface
 
@@ -29,7 +29,6 @@ CELLS = 256  # along the longest side, by default
 MOST_POINTS = 4_000_000  # of a grid by default: 32 MB on each rank
 _LIMIT = 128_000_000  # of any: 1 GB
 REACH = 2e-3  # m from the surface, within which distances are exact by default
-_BAND = 4  # cells, the least of that, which interpolation takes
 _DOUBTFUL = 1.25  # cells: a jump of the sign that is more than rounding
 _VERSION = 1  # of what the cache holds: a change here makes new ones
 
@@ -78,7 +77,8 @@ class Sampled(Surface):
     def look(self, points: np.ndarray) -> Look:
         """See Surface.look; the normal is the distance's gradient, of about unit length.
 
-        Beyond the grid, which ends farther than `reach` from the tool, it is that to a box around it.
+        Beyond the grid, which ends farther than `reach` from the tool, it is that to a box
+        around the tool.
         """
         points = np.array(points, float)
         if self._axis >= 0:  # behind, a skin goes on as it is
@@ -148,8 +148,8 @@ class Sampled(Surface):
             )
         shape = tuple(int(n) for n in _count(size, cell, reach))
         origin = 0.5 * (low + high) - 0.5 * (np.array(shape) - 1) * cell
-        band = _band(cell, reach) * cell
-        distance = sample(body.with_rim(2.5 * band + 4.0 * cell), origin, shape, cell, band)
+        depth = (2.5 * _margin(cell, reach) + 4.0) * cell  # of walls, beyond the grid
+        distance = sample(body.with_rim(depth), origin, shape, cell, reach + 2.0 * cell)
         jump, place = worst_jump(distance)
         if jump > _DOUBTFUL * cell:
             where = ", ".join(format_si(x, "m") for x in origin + cell * np.array(place))
@@ -158,7 +158,7 @@ class Sampled(Surface):
                 "other, bodies overlap or are turned against each other; make it one clean surface"
             )
         coefficients = ndimage.spline_filter(distance, order=3, output=float)
-        closest = radii(body, 0.1 * cell)
+        closest = radii(body)
         surface = cls(
             coefficients, origin, cell, reach, body.points, body.triangles, body.axis, body.towards,
             closest, (),
@@ -167,14 +167,14 @@ class Sampled(Surface):
         return surface
 
 
-def _band(cell: float, reach: float) -> float:
-    """Cells to each side of the surface that are exact."""
-    return max(_BAND, math.ceil(reach / cell) + 2)
+def _margin(cell: float, reach: float) -> float:
+    """Cells around the tool."""
+    return max(BAND, math.ceil(reach / cell) + 2) + 2
 
 
 def _count(size: np.ndarray, cell: float, reach: float) -> np.ndarray:
     """Points of a grid along x, y, z."""
-    return np.ceil(size / cell) + 2 * (_band(cell, reach) + 2) + 1
+    return np.ceil(size / cell) + 2 * _margin(cell, reach) + 1
 
 
 def _coarser(size: np.ndarray, cell: float, reach: float, most: int) -> float:

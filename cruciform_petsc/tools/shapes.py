@@ -19,6 +19,9 @@ def _look_at_box(points, centre, inner, radius, distance, normal, curvature):
     q, out = np.empty(3), np.empty(3)
     for m in range(points.shape[0]):
         far, nearest = -np.inf, 0
+        if np.isnan(points[m, 0] + points[m, 1] + points[m, 2]):
+            distance[m], normal[m], curvature[m] = np.nan, np.nan, np.nan
+            continue
         for i in range(3):
             q[i] = abs(points[m, i] - centre[i]) - inner[i]
             if q[i] > far:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from ..errors import InputError
 from ..fields import Length, Name, Number, Of, Pair, Point, Size, Table, si_values
 from ..parallel import on_root
-from ..units import Quantity
+from ..units import Quantity, format_si
 from . import shapes
 from .motion import Motion, Pose
 from .profile import Profile
@@ -55,6 +55,17 @@ class Tool:
         """Distance, normal and curvature as of Surface.look, of points and in axes of the lab."""
         distance, normal, curvature = self.surface.look(pose.to_tool(points))
         return distance, pose.vector_to_lab(normal), pose.matrix_to_lab(curvature)
+
+    def remarks(self, thickness: float) -> list[str]:
+        """What the surface's user should know, for cloth of some thickness [m]; sentences."""
+        remarks = [f'tool "{self.name}": {remark}' for remark in self.surface.remarks]
+        smallest = min(self.surface.closest_radius)
+        if smallest < thickness:
+            remarks.append(
+                f'tool "{self.name}" has radii down to {format_si(smallest, "m")}, less than the '
+                f"cloth's thickness, {format_si(thickness, 'm')}"
+            )
+        return remarks
 
     def touching(self, points: np.ndarray, axis: np.ndarray, gap: float) -> Tool:
         """The tool, moved along an axis to where it just touches.
