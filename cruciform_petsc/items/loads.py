@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..elements.level import FORCE, STIFFNESS, room
-from ..net.lattice import ARM_STEP, BETWEEN, OPPOSITE, QUADRANTS, pack_key
+from ..net.lattice import BETWEEN, pack_key
 from ..parallel import most
-from .cruciforms import SIGN
 from .item import Item, Placed, Work
 from .nodes import PlyNodes
 
@@ -190,8 +189,8 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
 
     Two kinds of quadrilaterals tile the cloth: around each crossover that of its four arm ends,
     and between four crossovers that of the arm ends on the four yarns; each is the mean of the two
-    pairs of triangles that it falls into. At the outline what is missing of a quadrant's area is
-    added to the triangle of its arms, so that the areas at rest are those of the quadrants.
+    pairs of triangles that it falls into. At the outline what is left of the latter are polygons,
+    which go straight from one yarn's end to the next: only corners of the outline stick out.
 
     Returns
     -------
@@ -201,7 +200,7 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
         How often each counts.
     """
     network, nodes = ply.network, ply.nodes
-    ij, hinge = network.crossover_ij.astype(np.int64), nodes.of_hinge
+    ij = network.crossover_ij.astype(np.int64)
     ends = nodes.of_network_node[network.arm_node]
     # The cell beyond the first quadrant, whole if yarns join its four crossovers: the ends on it.
     i, j = ij.T
@@ -214,23 +213,10 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
         for skip in range(4):
             parts.append(four[:, np.arange(4) != skip])
             weights.append(np.full(len(four), 0.5))
-    # What quadrants have beyond the triangle of their arms where the cell is not whole.
-    edge = network.boundary_crossovers
-    length, area = network.arm_length[edge], network.quadrant_area[edge]
-    for quadrant, arms in enumerate(QUADRANTS):
-        corner = ij[edge] + np.minimum(ARM_STEP[arms].sum(axis=0), 0)
-        whole = np.ones(len(edge), bool)
-        for step, arm in (((0, 0), 0), ((0, 0), 1), ((1, 0), 1), ((0, 1), 0)):
-            whole &= network.has_arm(corner + step, arm)
-        rest = area[:, quadrant] - 0.5 * length[:, arms].prod(axis=1)
-        # A missing arm lies opposite to its yarn's other one.
-        use = np.where(length[:, arms] > 0, arms, OPPOSITE[arms])
-        sides = np.take_along_axis(length, use, axis=1).prod(axis=1)
-        sign = SIGN[quadrant] * np.where(use == arms, 1.0, -1.0).prod(axis=1)
-        at = np.flatnonzero(~whole & (sides > 0))
-        rows = edge[at]
-        parts.append(np.column_stack([hinge[rows], ends[rows[:, None], use[at]]]))
-        weights.append(2.0 * sign[at] * rest[at] / sides[at])
+    for last in range(2, 8):
+        fan = nodes.edge_cells[:, [0, last - 1, last]]
+        parts.append(fan[fan[:, 2] >= 0])
+        weights.append(np.ones(len(parts[-1])))
     return np.concatenate(parts).astype(np.int32), np.concatenate(weights)
 
 
