@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..elements.level import FORCE, STIFFNESS, room
-from ..net.lattice import BETWEEN, pack_key
+from ..net.lattice import ARM_STEP, BETWEEN, QUADRANTS, pack_key
 from ..parallel import most
+from .cruciforms import SIGN
 from .item import Item, Placed, Work
 from .nodes import PlyNodes
 
@@ -190,7 +191,7 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
     Two kinds of quadrilaterals tile the cloth: around each crossover that of its four arm ends,
     and between four crossovers that of the arm ends on the four yarns; each is the mean of the two
     pairs of triangles that it falls into. At the outline what is left of the latter are polygons,
-    which go straight from one yarn's end to the next: only corners of the outline stick out.
+    which go straight from one yarn's end to the next: some corners of the outline stick out.
 
     Returns
     -------
@@ -217,6 +218,18 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
         fan = nodes.edge_cells[:, [0, last - 1, last]]
         parts.append(fan[fan[:, 2] >= 0])
         weights.append(np.ones(len(parts[-1])))
+    # A corner of the outline with a single crossover: as if its quadrant were a parallelogram, the
+    # triangle beyond the arms' ends is that on this side of them once more.
+    edge = network.boundary_crossovers
+    for quadrant, arms in enumerate(QUADRANTS):
+        steps = ARM_STEP[arms]
+        beside = [network.has_crossover(ij[edge] + step) for step in (*steps, steps.sum(axis=0))]
+        half = 0.5 * network.arm_length[edge][:, arms].prod(axis=1)
+        at = edge[~np.any(beside, axis=0) & (half > 0)]
+        order = arms[:: int(SIGN[quadrant])]
+        parts.append(np.column_stack([nodes.of_hinge[at], ends[at][:, order]]))
+        area = network.quadrant_area[at, quadrant]
+        weights.append(area / (0.5 * network.arm_length[at][:, arms].prod(axis=1)) - 1.0)
     return np.concatenate(parts).astype(np.int32), np.concatenate(weights)
 
 

@@ -55,6 +55,7 @@ def wavy(*loads):
 PREFORMS = {
     "bias": diagonals(4, 6),
     "along": Preform.rectangle(5 * PITCH, 4 * PITCH, 0.0),
+    "between": Preform.rectangle(5 * PITCH, 4 * PITCH, 0.0, origin=(0.2 * PITCH, 0.6 * PITCH)),
     "oblique": Preform.rectangle(5 * PITCH, 4 * PITCH, 0.3),
     "L": l_shape(0.045, 1.2),
     "hole": holed(0.05, 0.06, 0.01, 0.5),
@@ -71,19 +72,26 @@ def test_surface_of_the_cloth(name):
     nodes, weight = facets(cloth.ply)
     a, b, c = np.moveaxis(cloth.rest[nodes], 1, 0)
     area = float(weight @ np.cross(b - a, c - a)[:, 2]) / 2
-    whole = {"bias": 1e-12, "along": 1e-12, "oblique": 0.05}.get(name, 0.005)
+    whole = {"oblique": 0.02, "L": 2e-3, "hole": 2e-3}.get(name, 1e-12)
     assert area == pytest.approx(preform.outline.area, rel=whole)
     open_ = np.zeros((len(cloth.rest),) * 2)
     for p, q in ((0, 1), (1, 2), (2, 0)):
         np.add.at(open_, (nodes[:, p], nodes[:, q]), weight)
         np.add.at(open_, (nodes[:, q], nodes[:, p]), -weight)
     ends = np.unique(np.argwhere(abs(open_) > 1e-9))
-    away = shapely.distance(preform.outline.boundary, shapely.points(cloth.rest[ends, :2]))
-    assert len(ends) > 8 and away.max() < 1e-9
+    points = shapely.points(cloth.rest[ends, :2])
+    corners = shapely.MultiPoint(shapely.get_coordinates(preform.outline))
+    away = shapely.distance(preform.outline.boundary, points)
+    away = away[
+        shapely.distance(corners, points) > 1.2 * PITCH
+    ]  # a triangle there has its corner inside
+    assert len(away) > 5
+    assert away.max() < 1e-9
     for at_hinge in (0.0, 1 / 3):
         areas = cloth.ply.areas(at_hinge)
         covered = cloth.network.covered_area()
-        assert areas.sum() == pytest.approx(covered, rel=1e-12) and areas.min() >= 0.0
+        assert areas.sum() == pytest.approx(covered, rel=1e-12)
+        assert areas.min() >= 0.0
         assert at_hinge == 0.0 or (areas[cloth.nodes.of_hinge] > 0).mean() > 0.9
     # Quadrants whose arms are there have their weight where it is.
     moment = cloth.ply.areas() @ cloth.rest[:, :2]
@@ -197,7 +205,7 @@ def test_gravity_needs_a_mass():
         Cloth(constraints, {}, (1e-3, 1e-3), False, [lambda ply: gravity(ply, "gravity")])
 
 
-# -- closed forms (forming.md section 3 of the project's notes; sources at each) --------------------
+# -- closed forms ----------------------------------------------------------------------------------
 
 # Strip clamped level at one end under its weight w, bending rigidity B: w L^3/B -> x/L, drop/L of
 # the tip (the heavy elastica, Bickley 1934, Phil. Mag. 17:603).
@@ -403,17 +411,17 @@ def test_planes_of_symmetry(on_a_yarn):
         symmetric = ("left", "lower") if low == 0.0 else ()
         for edge in ("left", "lower", "right", "upper"):
             (constraints.symmetry if edge in symmetric else constraints.clamp)(edge)
-        load = [lambda ply: Pressure(ply, 5.0, np.zeros(3))]
+        load = [lambda ply: gravity(ply, "this test")]
         cloth = Cloth(constraints, {}, (2e-3, 1e-3), False, load)
         found = solved(cloth, cloth.state())
         if symmetric:
             edge = cloth.rest[:, :2].min(axis=1) < 1e-9
             assert (abs(found.state.x - cloth.rest)[edge, :2].min(axis=1) < 1e-12).all()
-        heights.append(found.state.x[:, 2].max())
+        heights.append(-found.state.x[:, 2].min())
         energies.append(found.energies)
     assert 1e-6 < heights[0] < 1e-3
     assert heights[1] == pytest.approx(heights[0], rel=1e-4)
-    for mode in ("out_of_plane_bending", "pressure"):
+    for mode in ("out_of_plane_bending", "gravity"):
         assert 4 * energies[1][mode] == pytest.approx(energies[0][mode], rel=1e-4)
 
 
@@ -424,29 +432,23 @@ def test_what_is_no_plane_of_symmetry():
 
 
 def test_imperfection_is_the_shape_at_rest():
-    """The loads are those that hold the waves against bending; balanced; others for other seeds."""
-    found = []
-    for refine, seed in ((1, 1), (1, 2), (3, 1)):
-        preform = Preform.rectangle(6 * PITCH, 10 * PITCH, 0.0, refine=refine)
+    """Loads are balanced; clamped all round the cloth lies alike for any pitch."""
+    heights = []
+    for refine, seed in ((1, 1), (1, 2), (2, 1)):
+        preform = Preform.rectangle(10 * PITCH, 12 * PITCH, 0.0, refine=refine)
         constraints = constrained(preform, TABLE_1)
-        for node in constraints.nodes_on("lower")[[0, -1]]:  # or it would float
-            constraints.pin(constraints.network.node_key[node], (0, 1))
-        waves = [lambda ply, seed=seed: imperfection(ply, 1e-4, seed)]
+        for edge in ("lower", "upper", "left", "right"):
+            constraints.clamp(edge)
+        waves = [lambda ply, seed=seed: imperfection(ply, 1e-5, seed)]
         cloth = Cloth(constraints, {}, (1e-3, 4e-4), False, waves)
         (item,) = cloth.ply.further
-        place, force = cloth.rest[item.nodes[:, 0]], item.force
-        size = abs(force).sum()
-        assert abs(force[:, :2]).max() == 0.0 and size > 0.0
-        assert abs(np.append(force[:, 2] @ place / 0.01, force.sum())).max() < 1e-12 * size
-        # The work on the waves is twice their energy: -2 W + W is least at them.
-        energy = cloth.model.energies(cloth.state())
-        assert energy["imperfection"] == 0.0
-        found.append((cloth, item))
-    (cloth, item), (_, other), (fine, finer) = found
-    assert abs(item.force - other.force).max() > 0.1 * abs(item.force).max()
-
-    def moment(cloth, item):  # of the loads over some smooth shape, the same for any pitch
-        x, y, _ = cloth.rest[item.nodes[:, 0]].T
-        return item.force[:, 2] @ np.cos(x / (3 * PITCH)) * 1.0, item.force[:, 2] @ y**2
-
-    np.testing.assert_allclose(moment(fine, finer), moment(cloth, item), rtol=0.2)
+        place, size = cloth.rest[item.nodes[:, 0]], abs(item.force).sum()
+        assert abs(item.force[:, :2]).max() == 0.0
+        assert abs(item.force[:, 2] @ place).max() < 0.03 * 12 * PITCH * size
+        found = solved(cloth, cloth.state())
+        number = cloth.network.crossover_ij[:, None] == refine * np.array([[0, 0], [2, 2], [-2, 1]])
+        at = cloth.nodes.of_hinge[number.all(axis=2).argmax(axis=0)]
+        heights.append(found.state.x[at, 2])
+    assert 1e-6 < abs(heights[0]).max() < 2e-5
+    assert abs(heights[1] - heights[0]).max() > 0.3 * abs(heights[0]).max()
+    np.testing.assert_allclose(heights[2], heights[0], atol=0.1 * abs(heights[0]).max())
