@@ -23,6 +23,11 @@ bias_angle = "45 deg"
 extension = "1 mm"
 """
 
+OWN_FABRIC_KEYS = (
+    'fabric={warp={modulus="1 N/cm", poisson=0, yarns="1 /cm", yarn_bending="1 N mm^2"}, '
+    'weft={modulus="1 N/cm", poisson=0, yarns="1 /cm", yarn_bending="1 N mm^2"}, '
+    'shear={modulus="1 N/cm"}}'
+)
 OWN_FABRIC = """
 [fabric]
 warp = { modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }
@@ -498,6 +503,28 @@ def test_bad_override(write, override):
         (
             ["solver.options={ksp_rtol=[1]}"],
             'solver.options "ksp_rtol" must be a string, a number or true/false, got [1]',
+        ),
+        (
+            ["test.space=true"],
+            "test.space = true needs finite = true: small displacements are flat",
+        ),
+        (
+            ["test.finite=true", 'test.imperfection={height="1 mm"}'],
+            "test.imperfection needs space = true: in the plane nothing can buckle",
+        ),
+        (
+            ["test.finite=true", "test.space=true", 'test.imperfection={height="-1 mm"}'],
+            'test.imperfection.height must be positive, got "-1 mm"',
+        ),
+        (
+            ["test.finite=true", "test.space=true", "output.exports=true"],
+            "output.exports = true is for flat cloth, it needs test.space = false",
+        ),
+        (
+            [OWN_FABRIC_KEYS, "test.finite=true", "test.space=true"],
+            "fabric.warp.out_of_plane_bending is missing, which test.space = true needs: per "
+            'width, as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
+            'for example "0.6 N mm^2"',
         ),
         (
             ["a=1", "b=1", "c=1", "d=1"],
