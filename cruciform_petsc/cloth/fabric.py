@@ -60,6 +60,12 @@ class YarnFamily:
     [N m]; or a law of the moment per width [N] over the curvature [1/m]."""
 
     @property
+    def out_of_plane_law(self) -> Potential | None:
+        """Moment per width [N] over the curvature [1/m] out of the plane."""
+        law = self.out_of_plane_bending
+        return law if law is None or isinstance(law, Potential) else linear(law)
+
+    @property
     def spacing(self) -> float:
         """Distance between neighbouring yarns of the family [m]."""
         return 1.0 / self.yarns
@@ -121,9 +127,9 @@ class Fabric:
             _check(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
             _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
-            if family.out_of_plane_bending is not None:
-                law = family.out_of_plane_bending
-                rigidity = law.stiffness0 if isinstance(law, Potential) else law
+            bend = family.out_of_plane_bending
+            if bend is not None:
+                rigidity = bend.stiffness0 if isinstance(bend, Potential) else bend
                 _check(f"{side}.out_of_plane_bending", rigidity, "N*m")
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, wanted="above 0 and at most 1")
@@ -243,14 +249,14 @@ class Fabric:
         """
         laws = []
         for side in ("warp", "weft"):
-            law = getattr(self, side).out_of_plane_bending
+            law = getattr(self, side).out_of_plane_law
             if law is None:
                 raise InputError(
                     f"fabric.{side}.out_of_plane_bending is missing, which {by} needs: per width, "
                     'as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
                     'for example "0.6 N mm^2"'
                 )
-            laws.append(law if isinstance(law, Potential) else linear(law))
+            laws.append(law)
         return laws[0], laws[1]
 
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -282,10 +288,8 @@ class Fabric:
         def family(yarns: YarnFamily, law: Potential | None) -> str:
             own, density = modulus(yarns.modulus, law, "%", 100.0), format_si(yarns.yarns, "1/m")
             bending = format_si(yarns.yarn_bending, "N*m**2")
-            out = yarns.out_of_plane_bending
-            if isinstance(out, Potential):
-                out = out.stiffness0
-            across = "" if out is None else f", out of plane {format_si(out, 'N*m')}"
+            out = yarns.out_of_plane_law
+            across = "" if out is None else f", out of plane {format_si(out.stiffness0, 'N*m')}"
             return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending}{across})"
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
