@@ -173,8 +173,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole, ``areal_density``,
-        ``thickness``, ``fibre_density``; as for `from_table`.
+        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
+        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
+        `from_table`.
 
         Examples
         --------
@@ -376,6 +377,11 @@ class TensionLawTable(Table):
         return _law_through(self.strain, self.force, self.points, "100 %")
 
 
+def _per_width(bending: Quantity, yarns: float) -> float:
+    """Rigidity per width [N m] of one that may be that of a yarn, of so many per length [1/m]."""
+    return bending.si * (yarns if bending.unit == "N*m**2" else 1.0)
+
+
 class MomentLawTable(Table):
     """[fabric] warp.out_of_plane_moment and weft.out_of_plane_moment: a law of bending."""
 
@@ -445,9 +451,7 @@ class YarnTable(Table):
         if self.out_of_plane_moment is not None:
             out = self.out_of_plane_moment.build()
         elif self.out_of_plane_bending is not None:
-            out = self.out_of_plane_bending.si
-            if self.out_of_plane_bending.unit == "N*m**2":  # of one yarn
-                out *= self.yarns.si
+            out = _per_width(self.out_of_plane_bending, self.yarns.si)
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
         bending = self.yarn_bending.si
@@ -529,6 +533,8 @@ class FabricTable(Table):
     tension: TensionTable | None = None
     """Which strain, and yarns in compression; in place of the library's.
     Example: `{ strain = "log", compression = 0.01 }`"""
+    out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
+    """Of warp and weft alike, as for each of them; in place of theirs, and of the library's."""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
     """Mass of the yarns per area. For gravity and exports (docs/exports.md)."""
     thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
@@ -551,8 +557,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, areal_density, thickness and fibre_density may "
-                "stand)"
+                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness "
+                "and fibre_density may stand)"
             )
         if self.use is None and missing:
             raise ValueError(
@@ -568,6 +574,12 @@ class FabricTable(Table):
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
+        if self.out_of_plane_bending is not None:
+            bend = self.out_of_plane_bending
+            warp, weft = (
+                replace(side, out_of_plane_bending=_per_width(bend, side.yarns))
+                for side in (warp, weft)
+            )
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,

@@ -542,3 +542,12 @@ def test_what_a_fabric_lacks():
         fabric = Fabric.from_library(name)
         assert all(1e-5 < law.stiffness0 < 0.1 for law in fabric.out_of_plane("this")), name
         assert "out of plane" in repr(fabric)
+
+
+def test_bending_beside_a_fabric_of_the_library():
+    """Measured rigidities in place of the assumed ones, of both families; per width or per yarn."""
+    for text, rigidity in (("0.5 N mm", 5e-4), ("1 N mm^2", 2.4e-4)):
+        fabric = Fabric.from_library("e-glass-plain-2.4", {"out_of_plane_bending": text})
+        laws = fabric.out_of_plane("this")
+        assert [law.stiffness0 for law in laws] == pytest.approx([rigidity, rigidity])
+        assert fabric.name == "e-glass-plain-2.4, out_of_plane_bending replaced"
