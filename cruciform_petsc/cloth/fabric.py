@@ -63,6 +63,12 @@ class YarnFamily:
     [N m]; or a law of the moment per width [N] over the curvature [1/m]."""
 
     @property
+    def out_of_plane_law(self) -> Potential | None:
+        """Moment per width [N] over the curvature [1/m] out of the plane."""
+        law = self.out_of_plane_bending
+        return law if law is None or isinstance(law, Potential) else linear(law)
+
+    @property
     def spacing(self) -> float:
         """Distance between neighbouring yarns of the family [m]."""
         return 1.0 / self.yarns
@@ -124,9 +130,9 @@ class Fabric:
             _check(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
             _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
-            if family.out_of_plane_bending is not None:
-                law = family.out_of_plane_bending
-                rigidity = law.stiffness0 if isinstance(law, Potential) else law
+            bend = family.out_of_plane_bending
+            if bend is not None:
+                rigidity = bend.stiffness0 if isinstance(bend, Potential) else bend
                 _check(f"{side}.out_of_plane_bending", rigidity, "N*m")
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, wanted="above 0 and at most 1")
@@ -172,8 +178,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole, ``areal_density``,
-        ``thickness``, ``fibre_density``; as for `from_table`.
+        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
+        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
+        `from_table`.
 
         Examples
         --------
@@ -248,14 +255,14 @@ class Fabric:
         """
         laws = []
         for side in ("warp", "weft"):
-            law = getattr(self, side).out_of_plane_bending
+            law = getattr(self, side).out_of_plane_law
             if law is None:
                 raise InputError(
                     f"fabric.{side}.out_of_plane_bending is missing, which {by} needs: per width, "
                     'as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
                     'for example "0.6 N mm^2"'
                 )
-            laws.append(law if isinstance(law, Potential) else linear(law))
+            laws.append(law)
         return laws[0], laws[1]
 
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -287,10 +294,8 @@ class Fabric:
         def family(yarns: YarnFamily, law: Potential | None) -> str:
             own, density = modulus(yarns.modulus, law, "%", 100.0), format_si(yarns.yarns, "1/m")
             bending = format_si(yarns.yarn_bending, "N*m**2")
-            out = yarns.out_of_plane_bending
-            if isinstance(out, Potential):
-                out = out.stiffness0
-            across = "" if out is None else f", out of plane {format_si(out, 'N*m')}"
+            out = yarns.out_of_plane_law
+            across = "" if out is None else f", out of plane {format_si(out.stiffness0, 'N*m')}"
             return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending}{across})"
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
@@ -387,6 +392,11 @@ class TensionLawTable(Table):
         return _law_through(self.strain, self.force, self.points, "100 %")
 
 
+def _per_width(bending: Quantity, yarns: float) -> float:
+    """Rigidity per width [N m] of one that may be that of a yarn, of so many per length [1/m]."""
+    return bending.si * (yarns if bending.unit == "N*m**2" else 1.0)
+
+
 class MomentLawTable(Table):
     """[fabric] warp.out_of_plane_moment and weft.out_of_plane_moment: a law of bending."""
 
@@ -457,9 +467,7 @@ class YarnTable(Table):
         if self.out_of_plane_moment is not None:
             out = self.out_of_plane_moment.build()
         elif self.out_of_plane_bending is not None:
-            out = self.out_of_plane_bending.si
-            if self.out_of_plane_bending.unit == "N*m**2":  # of one yarn
-                out *= self.yarns.si
+            out = _per_width(self.out_of_plane_bending, self.yarns.si)
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
         bending = self.yarn_bending.si
@@ -561,6 +569,8 @@ class FabricTable(Table):
     tension: TensionTable | None = None
     """Which strain, and yarns in compression; in place of the library's.
     Example: `{ strain = "log", compression = 0.01 }`"""
+    out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
+    """Of warp and weft alike, as for each of them; in place of theirs, and of the library's."""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
     """Mass of the yarns per area. For gravity and exports (docs/exports.md)."""
     thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
@@ -583,8 +593,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, areal_density, thickness and fibre_density may "
-                "stand)"
+                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness "
+                "and fibre_density may stand)"
             )
         if self.use is None and missing:
             raise ValueError(
@@ -615,6 +625,12 @@ class FabricTable(Table):
             warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
         elif given["weft"].poisson is None:
             weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
+        if self.out_of_plane_bending is not None:
+            bend = self.out_of_plane_bending
+            warp, weft = (
+                replace(side, out_of_plane_bending=_per_width(bend, side.yarns))
+                for side in (warp, weft)
+            )
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..elements.level import FORCE, STIFFNESS, room
-from ..net.lattice import ARM_STEP, BETWEEN, OPPOSITE, QUADRANTS, pack_key
+from ..net.lattice import ARM_STEP, BETWEEN, QUADRANTS, pack_key
 from ..parallel import most
 from .cruciforms import SIGN
 from .item import Item, Placed, Work
@@ -190,8 +190,8 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
 
     Two kinds of quadrilaterals tile the cloth: around each crossover that of its four arm ends,
     and between four crossovers that of the arm ends on the four yarns; each is the mean of the two
-    pairs of triangles that it falls into. At the outline what is missing of a quadrant's area is
-    added to the triangle of its arms, so that the areas at rest are those of the quadrants.
+    pairs of triangles that it falls into. At the outline what is left of the latter are polygons,
+    which go straight from one yarn's end to the next: some corners of the outline stick out.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
         How often each counts.
     """
     network, nodes = ply.network, ply.nodes
-    ij, hinge = network.crossover_ij.astype(np.int64), nodes.of_hinge
+    ij = network.crossover_ij.astype(np.int64)
     ends = nodes.of_network_node[network.arm_node]
     # The cell beyond the first quadrant, whole if yarns join its four crossovers: the ends on it.
     i, j = ij.T
@@ -214,23 +214,22 @@ def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
         for skip in range(4):
             parts.append(four[:, np.arange(4) != skip])
             weights.append(np.full(len(four), 0.5))
-    # What quadrants have beyond the triangle of their arms where the cell is not whole.
+    for last in range(2, 8):
+        fan = nodes.edge_cells[:, [0, last - 1, last]]
+        parts.append(fan[fan[:, 2] >= 0])
+        weights.append(np.ones(len(parts[-1])))
+    # A corner of the outline with a single crossover: as if its quadrant were a parallelogram, the
+    # triangle beyond the arms' ends is that on this side of them once more.
     edge = network.boundary_crossovers
-    length, area = network.arm_length[edge], network.quadrant_area[edge]
     for quadrant, arms in enumerate(QUADRANTS):
-        corner = ij[edge] + np.minimum(ARM_STEP[arms].sum(axis=0), 0)
-        whole = np.ones(len(edge), bool)
-        for step, arm in (((0, 0), 0), ((0, 0), 1), ((1, 0), 1), ((0, 1), 0)):
-            whole &= network.has_arm(corner + step, arm)
-        rest = area[:, quadrant] - 0.5 * length[:, arms].prod(axis=1)
-        # A missing arm lies opposite to its yarn's other one.
-        use = np.where(length[:, arms] > 0, arms, OPPOSITE[arms])
-        sides = np.take_along_axis(length, use, axis=1).prod(axis=1)
-        sign = SIGN[quadrant] * np.where(use == arms, 1.0, -1.0).prod(axis=1)
-        at = np.flatnonzero(~whole & (sides > 0))
-        rows = edge[at]
-        parts.append(np.column_stack([hinge[rows], ends[rows[:, None], use[at]]]))
-        weights.append(2.0 * sign[at] * rest[at] / sides[at])
+        steps = ARM_STEP[arms]
+        beside = [network.has_crossover(ij[edge] + step) for step in (*steps, steps.sum(axis=0))]
+        half = 0.5 * network.arm_length[edge][:, arms].prod(axis=1)
+        at = edge[~np.any(beside, axis=0) & (half > 0)]
+        order = arms[:: int(SIGN[quadrant])]
+        parts.append(np.column_stack([nodes.of_hinge[at], ends[at][:, order]]))
+        area = network.quadrant_area[at, quadrant]
+        weights.append(area / (0.5 * network.arm_length[at][:, arms].prod(axis=1)) - 1.0)
     return np.concatenate(parts).astype(np.int32), np.concatenate(weights)
 
 

@@ -17,6 +17,7 @@ from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.finite import FiniteTest
+from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.laws import odd_polynomial
@@ -220,7 +221,36 @@ def test_flat_tests_in_space(name, bending):
     energies = flat.energies()
     total = sum(value[-1] for value in energies.values())
     for mode, value in space.energies().items():
-        np.testing.assert_allclose(value, energies[mode], atol=1e-8 * total)
+        np.testing.assert_allclose(value, energies.get(mode, 0.0), atol=1e-8 * total)
+
+
+@pytest.mark.parametrize("name", FLAT_TESTS)
+def test_tests_that_may_leave_the_plane(name):
+    """Each kind also runs in space, and an imperfection takes it out of the plane a little."""
+    kind, preform, fabric, values = FLAT_TESTS[name]
+    test = kind(
+        network(preform, bent(fabric)),
+        finite=True,
+        space=True,
+        imperfection={"height": "0.1 mm", "seed": 1},
+        **values,
+    )
+    result = test.solve()
+    assert (result.heights_max > 5e-6).all()
+    assert result.energies()["out_of_plane_bending"][-1] > 0.0
+    held = [grip.nodes for grip in test.grip(Constraints(test.network, True))]
+    lifted = abs(result.node_displacement[np.concatenate(held), 2])
+    assert (lifted.max() == 0.0) != (values.get("upper") == "centre-line")
+    assert not any("exactly flat" in sentence for sentence in warnings(result))
+
+
+def test_without_an_imperfection_nothing_buckles():
+    """Cloth that starts exactly flat stays so; a remark says it, and that it became unstable."""
+    kind, preform, fabric, values = FLAT_TESTS["frame"]
+    result = kind(network(preform, bent(fabric)), finite=True, space=True, **values).solve()
+    assert result.heights_max.max() == 0.0
+    (remark,) = (sentence for sentence in warnings(result) if "exactly flat" in sentence)
+    assert "the flat cloth became unstable" in remark
 
 
 def test_strip_over_an_edge():
