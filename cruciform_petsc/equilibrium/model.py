@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from ..elements.level import ENERGY, FORCE, STIFFNESS
 from ..errors import InputError
 from ..items.item import Item
+from ..net.joined import JoinedNodes
 from ..net.nodes import Nodes
 from ..solvers.multigrid import Hierarchy
 from ..solvers.pattern import BlockPattern
@@ -31,7 +32,7 @@ class Model:
 
     Parameters
     ----------
-    nodes : Nodes
+    nodes : Nodes or JoinedNodes
         With ``rest`` (n_local, dim) and ``frame`` (n_local, dim, dim).
     items : sequence of Item
     active : bool (n_local,), optional
@@ -44,7 +45,7 @@ class Model:
 
     def __init__(
         self,
-        nodes: Nodes,
+        nodes: Nodes | JoinedNodes,
         items: Sequence[Item],
         active: np.ndarray | None = None,
         stiffness_scale: float = 1.0,

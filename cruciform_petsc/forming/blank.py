@@ -173,7 +173,7 @@ class Blank:
         return cast(State, part_of(state, self.cloth_at))
 
     def spent(self, state: State) -> dict[str, float]:
-        """Energy that friction and viscosity have dissipated up to an accepted state, J. Collective."""
+        """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))

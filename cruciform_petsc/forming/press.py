@@ -124,7 +124,15 @@ class Press:
         """As equilibrium follows it."""
         n = self.plan.results
         targets = [self.begin + (k + 1) / n for k in range(n)]
-        return Stage(self.plan.name, self.drive, targets, self.plan.step, measure=measure, carry_on=False, easy=EASY)
+        return Stage(
+            self.plan.name,
+            self.drive,
+            targets,
+            self.plan.step,
+            measure=measure,
+            carry_on=False,
+            easy=EASY,
+        )
 
     def after(self, state: State) -> Posture:
         """How tools stand at its end."""

@@ -152,7 +152,7 @@ class Contact(Item):
     # -- memory ------------------------------------------------------------------------------------
 
     def lagged(self, state: Placed) -> tuple[dict[str, np.ndarray], float, float]:
-        """See Item.lagged: normal forces and normals; nodes that touch anew stick where they are."""
+        """See Item.lagged: forces and normals; nodes that touch anew stick where they are."""
         y, old = self.local(state), state.memory.get(self.name)
         d, normal, _ = self.surface.look(y)
         stiffness = self.stiffness * state.factors.get(self.name, 1.0)

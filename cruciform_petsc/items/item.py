@@ -25,6 +25,10 @@ class Placed(Protocol):
         """What is prescribed; ``hold.turn`` (c, dim, dim) turns the yarns that clamps hold."""
 
     @property
+    def time(self) -> float:
+        """What drives the stage."""
+
+    @property
     def factors(self) -> Mapping[str, float]:
         """Sizes of loads by item."""
 

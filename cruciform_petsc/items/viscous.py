@@ -56,7 +56,7 @@ class Viscous(Item):
         return {"place": place, "time": np.full(len(place), state.time), "spent": spent}
 
     def _rate(self, state: Placed) -> np.ndarray:
-        """c A/h, N/m, (m,); none at the time of the last step itself."""
+        """Of each node, c A/h, N/m, (m,); none at the time of the last step itself."""
         memory = state.memory.get(self.name, {})
         passed = state.time - (memory["time"] if memory else np.zeros(len(self.nodes)))
         return np.where(passed > 0.0, self.weight / np.where(passed > 0.0, passed, 1.0), 0.0)

@@ -27,8 +27,10 @@ class ToolNodes(DistributedNodes):
         self.frame = np.tile(np.eye(rest.shape[1]), (len(rest), 1, 1))
 
 
-class JoinedNodes:
+class JoinedNodes(DistributedNodes):
     """Sets of nodes with ``rest`` and ``frame`` as one set. Collective.
+
+    Its nodes have no names.
 
     Attributes
     ----------

@@ -554,6 +554,8 @@ def test_moduli_have_limits():
     points = {"law": "table", "angle": "rad", "force": "N/m", "points": [[1e-300, 1e-3], [1, 1]]}
     with pytest.raises(InputError, match=r"fabric.shear"):
         Fabric.from_library("e-glass-plain-2.4", {"shear": points})
+
+
 def woven(**warp):
     """A cloth as in a case file, with more keys of the warp."""
     side = {"modulus": "520 N/cm", "poisson": 0, "yarns": "2.4 /cm"}

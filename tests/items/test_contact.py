@@ -44,7 +44,7 @@ def test_compaction_is_smooth():
         depth = q / k + w / 2 if q > k * w / 2 else np.sqrt(2 * q * w / k)
         assert compaction(np.array([depth]), k, w)[1][0] == pytest.approx(q, rel=1e-12)
     p, step = np.linspace(-w, 3 * w, 41) + 1e-7, 1e-9
-    e, q, s = compaction(p, k, w)
+    q, s = compaction(p, k, w)[1:]
     ahead, behind = compaction(p + step, k, w), compaction(p - step, k, w)
     # Differences of 1e-9 m: right to 1e-6 of the largest.
     np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * step), q, atol=1e-6 * q.max())
@@ -147,7 +147,9 @@ class Strip:
         def drive(control):
             place = self.x[at].copy()
             place[: len(self.held)] += moves(control)
-            return Hold(at, np.tile(np.eye(3), (len(at), 1, 1)), fixed, place, np.zeros((0, 3, 3))), {}
+            return Hold(
+                at, np.tile(np.eye(3), (len(at), 1, 1)), fixed, place, np.zeros((0, 3, 3))
+            ), {}
 
         hold, factors = drive(0.0)
         start = State(self.x, hold, 0.0, factors)
@@ -168,7 +170,7 @@ class Strip:
 
 
 @pytest.mark.parametrize(
-    "friction, wrap, ratio", [(0.2, 90, 1.3691), (0.2, 180, 1.8745), (0.3, 180, 2.5663)]
+    ("friction", "wrap", "ratio"), [(0.2, 90, 1.3691), (0.2, 180, 1.8745), (0.3, 180, 2.5663)]
 )
 def test_a_belt_over_a_cylinder(friction, wrap, ratio):
     """Capstan: T2/T1 = exp(mu phi) within 0.2 %, at each step once all of it slips."""
