@@ -283,7 +283,8 @@ BAD = {
     "one side": (lambda p, f: moebius(), {"side": "+z"}, "no two sides"),
     "150 km": (lambda p, f: (p * 3.75e6, f), {}, r"tool of 150 km, which must be between"),
     "in metres": (lambda p, f: (p * 1e-3, f), {}, r'tool of 0.04 mm.*"m" makes it 40 mm'),
-    "too fine": (lambda p, f: (p, f), {"cell": 1e-6}, "grid of over 1 GB .*, take at least"),
+    "no cell": (lambda p, f: (p, f), {"cell": 0.0}, "cell must be positive"),
+    "too fine": (lambda p, f: (p, f), {"cell": 1e-6}, "grid of over 256 MB .*, take at least"),
 }
 
 
