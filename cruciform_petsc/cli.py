@@ -27,7 +27,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from .errors import CruciformError, InputError
+from .errors import CruciformError, InputError, harmless
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -42,13 +42,18 @@ _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
+    "--columns": (
+        "TITLE,TITLE",
+        "columns of measured data where units leave a choice, by titles or numbers; once for all "
+        "files, or once for each",
+    ),
     "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
     "--also-data": ("FILE", "the measured curve of that specimen"),
     "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
-_REPEATED = ("--set", "--also", "--also-data")
+_REPEATED = ("--set", "--columns", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -134,7 +139,7 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
             _say(f"on rank {comm.rank}, {told}")
             return _abort(control, 2)
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
-        print(text, file=sys.stderr, flush=True)
+        print(harmless(text), file=sys.stderr, flush=True)
         return _abort(control, 1)
     return _agree(control, failure)
 
@@ -188,7 +193,8 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
 
 def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
-    print(f"{PROGRAM}: {' '.join(str(failure).split())}", file=sys.stderr, flush=True)
+    text = harmless(" ".join(str(failure).split()))
+    print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
 
 
 def _abort(control: MPI.Intracomm, code: int) -> int:
@@ -262,11 +268,11 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         raise InputError(f"{pair} belong together, give both or neither")
     if len(args.also) != len(args.also_data):
         raise InputError("each --also CASE needs an --also-data FILE, in the same order")
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {"columns": args.columns} if args.columns else {}
     if args.hold_out is not None:
-        more["hold_out"] = (_load(comm, args.hold_out), args.hold_out_data)
+        more["hold_out"] = (_load(comm, args.hold_out, args.set), args.hold_out_data)
     if args.also:
-        cases = [_load(comm, path) for path in args.also]
+        cases = [_load(comm, path, args.set) for path in args.also]
         more["also"] = list(zip(cases, args.also_data, strict=True))
     if args.weights is not None:
         try:
@@ -293,7 +299,7 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log)
+    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -312,7 +318,7 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         on_root(comm, lambda: write_new_case(args.kind, args.file))
         text = f'wrote "{args.file}"; try: {PROGRAM} check {args.file}'
     if comm.rank == 0:
-        print(text)
+        print(harmless(text))
 
 
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -360,8 +366,9 @@ def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Cas
 
     case = _load(comm, args.case, args.set)
     if args.output is not None:
-        output = case.output.model_copy(update={"directory": args.output})
-        case = case.model_copy(update={"output": output})
+        prepare_directory(comm, args.output)
+        told = dict(iter(case.output)) | {"directory": args.output}
+        case = case.model_copy(update={"output": case.output.from_data(told, "output")})
     return case, prepare_directory(comm, case.output.directory)
 
 
@@ -508,10 +515,18 @@ def _parser() -> _Parser:
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=tuple(_WITH_VALUE))
     command(_resume, folder, options=("--set", "--output"))
-    command(_compare, a, b, options=("--output",))
+    command(_compare, a, b, options=("--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser
+
+
+class _Harmless(logging.Formatter):
+    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line."""
+        return harmless(super().format(record)).replace("\n", "\\n")
 
 
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
@@ -519,7 +534,9 @@ def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
-    log.addHandler(logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout))
+    handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
+    handler.setFormatter(_Harmless())
+    log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
     log.setLevel(logging.CRITICAL + 1 if comm.rank else level)

@@ -272,6 +272,21 @@ def test_calibrate_gets_its_data(tmp_path, case):
         ("0", "curve.csv", str(folder)),
         ("1", "curve.csv", str(folder)),
     ]
+    # --set reaches every case, --columns every file.
+    beside = (
+        "--also",
+        case,
+        "--also-data",
+        "b.csv",
+        "--hold-out",
+        case,
+        "--hold-out-data",
+        "c.csv",
+    )
+    more = ("--set", "preform.refine=3", "--columns", "d [mm],F [N]")
+    result = launch(0, script, "calibrate", case, *given[:4], *beside, *more, *given[4:])
+    assert result.returncode == 0, result.stderr
+    assert "refined 3 3 3 ['d [mm],F [N]']" in result.stdout
     message = "the following arguments are required: --data"
     assert_refused(cruciform_petsc(0, "calibrate", case), message)
     result = cruciform_petsc(0, "calibrate", case, "--data", "curve.csv", "--hold-out", case)
@@ -287,9 +302,12 @@ CALIBRATE = """
 import sys, types
 from petsc4py import PETSc
 
-def calibrate_case(comm, case, data_path, directory, log):
+def calibrate_case(comm, case, data_path, directory, log, **more):
     assert PETSc.Options().getAll()["ksp_type"] == "cg" and directory.is_dir()
     print(f"calibrate {comm.rank} {data_path} {directory}\\n", end="", flush=True)
+    if more:
+        cases = [case, more["also"][0][0], more["hold_out"][0]]
+        print("refined", *(each.preform().refine for each in cases), more["columns"])
 
 module = types.ModuleType("cruciform_petsc.calibrate")
 module.calibrate_case = calibrate_case

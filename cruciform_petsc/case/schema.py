@@ -9,9 +9,7 @@ is built from them.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,8 +21,9 @@ from ..errors import InputError
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable
-from ..fields import Counts, Name, OneOf, Size, Table
+from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..parallel import on_root
+from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
 
 if TYPE_CHECKING:
@@ -81,6 +80,9 @@ class OutputTable(Table):
     measured: Name | None = None
     """CSV file of a measured displacement and force to compare the load with; in a case file,
     relative to its folder. Example: `"measured.csv"`"""
+    measured_columns: Name | None = None
+    """Titles of its two columns, or their numbers, where units leave a choice.
+    Example: `"Extension (mm),Load (N)"`"""
 
     @property
     def wants_report(self) -> bool:
@@ -91,7 +93,7 @@ class OutputTable(Table):
 class Case(Table):
     """A whole case file, checked; what its tables describe comes from `fabric` and `preform`."""
 
-    title: str = "untitled"
+    title: Title = "untitled"
     """What the case is; heads log and figures."""
     fabric_table: FabricTable = Field(alias="fabric")
     """The cloth."""
@@ -114,7 +116,7 @@ class Case(Table):
         InputError for anything wrong with the file, its keys and values, the fabric, the outline,
         or the edges the test needs.
         """
-        data = _read(Path(path))
+        data = read_toml(path, "case file")
         match data:
             case {"output": {"measured": str(measured)}} if measured:
                 # As a path that a resumed run, or one in another folder, still finds.
@@ -186,26 +188,6 @@ class Case(Table):
             )
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """Read TOML; every way this can fail is one sentence."""
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        near = [other.name for other in path.parent.glob("*.toml")]
-        close = get_close_matches(path.name, near, 1)
-        problem = "does not exist"
-        problem += f', did you mean "{path.parent / close[0]}"?' if close else ""
-    except IsADirectoryError:
-        problem = "is a folder, name a TOML file in it"
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror}"
-    except UnicodeDecodeError as error:
-        problem = f"is not UTF-8 text (byte {error.start + 1}), save it as UTF-8"
-    except ValueError as error:  # TOML errors, and a null byte in the path
-        problem = f"is not TOML: {error}"
-    raise InputError(f'case file "{path}" {problem}')
-
-
 def _apply(data: dict[str, Any], override: str) -> None:
     """Put one "table.key=value" into the data."""
     name, equals, text = override.partition("=")
@@ -213,9 +195,9 @@ def _apply(data: dict[str, Any], override: str) -> None:
     if not equals or not all(re.fullmatch(r"[\w-]+", key) for key in keys):
         raise InputError(f'--set "{override}" is not of the form preform.refine=4')
     try:
-        value = tomllib.loads(f"value = {text}")
+        value = parse_toml(f"value = {text}")
         setting = value["value"] if len(value) == 1 else text
-    except tomllib.TOMLDecodeError:
+    except ValueError:
         setting = text.strip()
     table: Any = data
     for i, key in enumerate(keys[:-1], 1):

@@ -23,13 +23,12 @@ from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Of, Point, Ring, Sides, Table, si_values
+from ..fields import Count, Of, Point, Ring, Rings, Sides, Table, si_values
 from ..units import Quantity, format_si
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
-_MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -340,7 +339,7 @@ class OutlineTable(Table):
     polygon: Ring | None = None
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
-    holes: list[Ring] = Field(default=[])
+    holes: Rings = Field(default=[])
     """Corners of each hole. Example:
     `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
 
@@ -365,9 +364,9 @@ class LatticeTable(Table):
 
     bias_angle: Annotated[Quantity, Of("rad")]
     """From the pull (y) to the warp."""
-    refine: Annotated[Count, Field(le=_MOST)] = 1
+    refine: Count = 1
     """A finer net of the same fabric: pitch divided by this."""
-    yarns_per_cruciform: Annotated[Count, Field(le=_MOST)] = 1
+    yarns_per_cruciform: Count = 1
     """A coarser net: pitch times this. Not together with refine."""
     origin: Point | None = None
     """A crossover's place. The default is the centre of the outline's bounding box.

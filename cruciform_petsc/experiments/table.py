@@ -5,12 +5,14 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError
 from ..fields import Count, Of, Quantities, Table, si_values
+
+MOST_INCREMENTS = 100_000
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
@@ -38,7 +40,7 @@ class TestTable(Table):
     """Large displacements, rotations and shear angles."""
     bending: bool = True
     """Yarns bend in the plane; false: they are hinged."""
-    increments: Count | None = None
+    increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
 

@@ -364,8 +364,7 @@ def test_bad_override(write, override):
         ),
         (
             ["fabric.warp={tension=3}"],
-            "fabric.warp.tension must be a table, got 3; fabric.warp.poisson is missing; "
-            "fabric.warp.yarns is missing",
+            "fabric.warp.tension must be a table, got 3; fabric.warp.yarns is missing",
         ),
         (
             [f"fabric={{warp={FAMILY}, weft={FAMILY}}}", f"fabric.warp.tension={TENSION}"],
@@ -421,13 +420,13 @@ def test_bad_override(write, override):
         ),
         (
             ['test={kind="biaxial", strain="1 %", ratio=-200}'],
-            "test prescribes a weft strain (strain times ratio) of -200 %, it must be finite and "
-            "more than -100 %",
+            "test prescribes a weft strain (strain times ratio) of -200 %, it must be more than "
+            "-100 % and at most 1e+06 %",
         ),
         (
-            ['test={kind="biaxial", strain="1e9 %", ratio=1e306}'],
-            "test prescribes a weft strain (strain times ratio) of inf %, it must be finite and "
-            "more than -100 %",
+            ['test={kind="biaxial", strain="1e5 %", ratio=1e12}'],
+            "test prescribes a weft strain (strain times ratio) of 1e+17 %, it must be more than "
+            "-100 % and at most 1e+06 %",
         ),
         (
             ['test={kind="biaxial", strain="1 %", ratio=nan}'],
