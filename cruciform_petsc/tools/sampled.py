@@ -20,6 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import InputError
+from ..reading import open_regular
 from ..units import format_si
 from .distance import BAND, read_spline, sample, worst_jump
 from .facets import SIDES, Body, checked, height_facets, radii, read
@@ -260,7 +261,7 @@ def from_file(
         side = "+z"
     places: list[Path] = []
     if cache:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):  # read says what is wrong
             places = _caches(path, repr((_VERSION, unit, side, cell, reach)))
     for place in places:
         with contextlib.suppress(Exception):  # damaged in any way
@@ -276,7 +277,7 @@ def from_file(
 
 def _caches(path: Path, how: str) -> list[Path]:
     """Where the grid of a file may be kept, first choice first."""
-    with open(path, "rb") as file:
+    with open_regular(path, follow=True) as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()[:12]
     name = f"{path.name}.{content}-{hashlib.sha256(how.encode()).hexdigest()[:8]}.distance.npz"
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

@@ -90,7 +90,7 @@ def test_a_file(tmp_path):
     text = 'file = "ball.stl", unit = "mm", cell = "2 mm"'
     tool = shaped(text).build(tmp_path)
     assert tool.look(np.array([[0, 0, 0.021]]), tool.start)[0] == pytest.approx(1e-3, abs=2e-5)
-    with pytest.raises(InputError, match=r'^tool "a": ".*none.stl" cannot be read'):
+    with pytest.raises(InputError, match=r'^tool "a": .*none.stl" does not exist'):
         shaped('file = "none.stl", unit = "mm"').build(tmp_path)
 
 
