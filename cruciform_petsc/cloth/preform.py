@@ -52,7 +52,8 @@ class Preform:
     refine, yarns_per_cruciform : int
         Divides or multiplies the pitch: a finer or coarser network of the same fabric.
     origin : pair of float or str, optional
-        A crossover of the lattice [m]; default: the centre of the outline's bounding box.
+        A crossover of the lattice, or whole pitches from one [m]; default: the centre of the
+        outline's bounding box.
     edges : dict, optional
         More edges by name, each an array (n, 2, 2) of segments on the outline [m]. In the
         finished object: all edges, the automatic ones first.
