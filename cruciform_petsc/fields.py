@@ -15,7 +15,7 @@ from pydantic_core import core_schema
 from .errors import InputError, cut, shown
 from .units import Quantity
 
-_MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
+_MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
 class _Read:
@@ -127,7 +127,7 @@ class Table(BaseModel):
         """Check plain data as they stand in a case file, at `key` of it.
 
         ``bare``: numbers without unit are in SI already (scripts may give them, case files not).
-        Raises InputError, one sentence of up to three problems.
+        Raises InputError with all problems, a sentence each.
         """
         data = _plain(data)
         try:
@@ -136,8 +136,7 @@ class Table(BaseModel):
             sentences = (_sentence(cls, data, key, dict(e)) for e in error.errors())
             problems = list(dict.fromkeys(sentences))
         more = len(problems) - _MOST_PROBLEMS
-        tail = f"; and {more} more" if more > 0 else ""
-        raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail)
+        raise InputError(*problems[:_MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else []))
 
     @classmethod
     def keys(cls) -> list[str]:

@@ -29,6 +29,7 @@ from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
+LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
 _MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
@@ -160,7 +161,15 @@ class Preform:
     @classmethod
     def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
         table = OutlineTable.from_data(outline, "preform.outline", bare=True)
-        return cls(table.build(), bias_angle, **options)  # type: ignore[arg-type]
+        shape = table.build()
+        given, size = outline.get("rectangle", outline.get("polygon")), np.ptp(shape.bounds[::2])
+        size = max(size, np.ptp(shape.bounds[1::2]))
+        if size > LARGE and all(np.asarray(row).dtype.kind in "fiu" for row in given):
+            raise InputError(
+                f"preform.outline is {size:g} m large, as lengths without unit are metres, "
+                f'did you mean "{size:g} mm"?'
+            )
+        return cls(shape, bias_angle, **options)  # type: ignore[arg-type]
 
     @property
     def warp_direction(self) -> np.ndarray:
@@ -250,6 +259,10 @@ def _size(a: float, b: float) -> str:
     return f"{format_si(a, 'm')} x {format_si(b, 'm')}"
 
 
+def _extent(piece: shapely.Polygon) -> str:
+    return _size(*np.ptp(np.reshape(piece.bounds, (2, 2)), axis=0))
+
+
 def _checked(outline: Any) -> shapely.Polygon:
     """Return the outline with the cloth on its left and no repeated points."""
     if not isinstance(outline, shapely.Polygon) or outline.is_empty:
@@ -266,8 +279,8 @@ def _checked(outline: Any) -> shapely.Polygon:
     for i, hole in enumerate(holes):
         if not shell.contains_properly(hole):
             raise InputError(
-                f"hole-{i + 1} of preform.outline touches or leaves the outline, "
-                "it must lie wholly inside"
+                f"hole-{i + 1} of preform.outline ({_extent(hole)}) touches or leaves the outline "
+                f"({_extent(shell)}), it must lie wholly inside"
             )
         for j in range(i):
             if not holes[j].disjoint(hole):

@@ -175,12 +175,14 @@ def test_own_edges():
         (
             square(0, 0, 9),
             [square(0, 2)],
-            "hole-1 of preform.outline touches or leaves the outline, it must lie wholly inside",
+            "hole-1 of preform.outline (1000 mm x 1000 mm) touches or leaves the outline "
+            "(9000 mm x 9000 mm), it must lie wholly inside",
         ),
         (
             square(0, 0, 9),
             [square(1, 1), square(20, 2)],
-            "hole-2 of preform.outline touches or leaves the outline, it must lie wholly inside",
+            "hole-2 of preform.outline (1000 mm x 1000 mm) touches or leaves the outline "
+            "(9000 mm x 9000 mm), it must lie wholly inside",
         ),
         (
             square(0, 0, 9),
