@@ -7,7 +7,7 @@ A third of the files are meant to be good, a third good but for one to three cha
 out, put in, swapped, absurd values, numbers larger or smaller by orders of magnitude), a third are
 barely case files: bytes changed, lines mixed, noise. The machine is said to have 0.5 GB, so that no
 network takes long. Each goes through the command line in a worker process, with a time limit. Four
-ends are possible: ok; refused with one sentence; a traceback, a crash or more than a sentence; no
+ends are possible: ok; refused in sentences, one a problem; a traceback, a crash or other words; no
 end within the limit. Exit code 1 if there is any of the last two; such files are kept.
 """
 
@@ -322,8 +322,10 @@ def work(connection: Connection, folder: str) -> None:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
             code = main(["check", str(path), "--quiet"])
         text = said.getvalue()
-        one_sentence = text.count("\n") == 1 and text.startswith("cruciform-petsc: ")
-        end = OK if code == 0 and not text else REFUSED if code == 2 and one_sentence else FAULT
+        # A sentence, or one for each problem, on lines of their own below the first.
+        first, *more = text.splitlines() or [""]
+        told = first.startswith("cruciform-petsc: ") and all(line.startswith("  ") for line in more)
+        end = OK if code == 0 and not text else REFUSED if code == 2 and told else FAULT
         connection.send((end, text))
 
 

@@ -68,7 +68,8 @@ class Preform:
     Raises
     ------
     InputError
-        An outline that crosses itself, has no area, or holes that touch; numbers out of range.
+        An outline that crosses itself, has no area, or holes that touch; numbers out of range; of
+        `rectangle` and `polygon`, more than 10 m in bare numbers.
 
     Examples
     --------
