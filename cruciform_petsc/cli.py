@@ -11,6 +11,7 @@ import argparse
 import contextlib
 import io
 import logging
+import os
 import re
 import signal
 import sys
@@ -19,7 +20,9 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import partial
 from inspect import cleandoc
+from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -110,6 +113,7 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
     - Some raise a CruciformError while others wait for them: after a few seconds one prints the
       sentence and aborts all with 2.
     - An interrupt on any rank: a sentence, all aborted with 130 (143 for a SIGTERM).
+    - Too little memory, or another error of PETSc's that can be told: the same, at once.
     - Any other exception on any rank: traceback, all aborted with 1.
 
     ``hint`` tells, on one rank, how to go on after an interrupt.
@@ -123,13 +127,28 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         failure = error
     except KeyboardInterrupt:
         return _interrupted(control, hint)
-    except Exception:
+    except Exception as error:
         if _signals:  # an interrupt on its way through PETSc
             return _interrupted(control, hint)
+        told = _in_words(error)
+        if told:
+            _say(f"on rank {comm.rank}, {told}")
+            return _abort(control, 2)
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
         print(text, file=sys.stderr, flush=True)
         return _abort(control, 1)
     return _agree(control, failure)
+
+
+def _in_words(error: Exception) -> object:
+    """What is told of an error that is no fault of the program, though it has not been foreseen."""
+    if isinstance(error, MemoryError):
+        return "there is not enough memory: choose a coarser net or a smaller outline"
+    if type(error).__module__ == "petsc4py.PETSc":
+        from .solvers.failures import in_words
+
+        return in_words(error, "cruciform_")  # type: ignore[arg-type]
+    return None
 
 
 def _interrupted(control: MPI.Intracomm, hint: Callable[[], str]) -> int:
@@ -195,7 +214,7 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
     args.log = _logger(comm, args)
     warnings.simplefilter("ignore", InputWarning)  # the log tells
     args.running = running
-    _start_petsc(petsc_options)
+    _start_petsc(comm, petsc_options)
     args.work(comm, args)
 
 
@@ -350,8 +369,14 @@ def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Cas
     return case, prepare_directory(comm, case.output.directory)
 
 
-def _start_petsc(options: list[str]) -> None:
-    """Start PETSc with options from the command line."""
+def _start_petsc(comm: MPI.Intracomm, options: list[str]) -> None:
+    """Start PETSc with options from the command line. Collective."""
+    from .parallel import on_root
+
+    words = [*os.environ.get("PETSC_OPTIONS", "").split(), *options]
+    for name, file in pairwise([*words, ""]):
+        if name in ("-options_file", "-options_file_yaml"):
+            on_root(comm, partial(_check_options_file, file))
     started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
     import petsc4py
 
@@ -360,6 +385,18 @@ def _start_petsc(options: list[str]) -> None:
         from petsc4py import PETSc
 
         PETSc.Options().insertString(" ".join(options))  # type: ignore[attr-defined]
+
+
+def _check_options_file(path: str) -> None:
+    """Refuse what PETSc would open on rank 0 only, and fail on the others or not at all."""
+    problem = "" if Path(path).is_file() else "is not there, or is no file"
+    if not problem:
+        try:
+            Path(path).read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            problem = f"cannot be read: {error}"
+    if problem:
+        raise InputError(f'"{path}", the file of PETSc options (-options_file), {problem}')
 
 
 def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -53,6 +53,13 @@ class SolverError(CruciformError):
         self.history = history or []
 
 
+class LibraryError(SolverError):
+    """PETSc, or a library that it calls, gave up for want of memory or the like.
+
+    What was solved may well have a solution, but the solver cannot go on: no smaller step is tried.
+    """
+
+
 class EquilibriumError(SolverError):
     """No equilibrium was found.
 

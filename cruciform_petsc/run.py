@@ -18,6 +18,7 @@ from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
 from .errors import EquilibriumError, InputError, SolverError
+from .estimate import check_work
 from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
@@ -40,6 +41,8 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
     _check_comparison(comm, case)
     log.info("%s", case.title)
+    for sentence in check_work(comm, case):
+        log.info("%s%s", INDENT, sentence)
     network, _ = _make_network(comm, case, Stages(log))
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
@@ -127,6 +130,7 @@ class _Run:
         """All that `run_case` does."""
         case, log = self.case, self.log
         self.measured = _check_comparison(self.comm, case)
+        check_work(self.comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, self.comm.size)
         network, statistics = _make_network(self.comm, case, self.stages)

@@ -29,6 +29,7 @@ ORDER = [
     {"continuum", "calibration"},
     {"case"},
     {"output"},
+    {"estimate"},
     {"compare", "calibrate"},
     {"run"},
     {"cli"},

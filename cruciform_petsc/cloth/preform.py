@@ -277,18 +277,19 @@ def _checked(outline: Any) -> shapely.Polygon:
     _check_ring("preform.outline", shell)
     for i, hole in enumerate(holes):
         _check_ring(f"hole-{i + 1}", hole)
-    for i, hole in enumerate(holes):
-        if not shell.contains_properly(hole):
-            raise InputError(
-                f"hole-{i + 1} of preform.outline ({_extent(hole)}) touches or leaves the outline "
-                f"({_extent(shell)}), it must lie wholly inside"
-            )
-        for j in range(i):
-            if not holes[j].disjoint(hole):
-                raise InputError(
-                    f"hole-{j + 1} and hole-{i + 1} of preform.outline touch or overlap, "
-                    "make one hole of them or move them apart"
-                )
+    shapely.prepare(shell)
+    for i in np.flatnonzero(~shapely.contains_properly(shell, holes)):
+        raise InputError(
+            f"hole-{i + 1} of preform.outline ({_extent(holes[i])}) touches or leaves the outline "
+            f"({_extent(shell)}), it must lie wholly inside"
+        )
+    tree = shapely.STRtree(holes)
+    pairs = tree.query(tree.geometries, predicate="intersects").T
+    for i, j in sorted(pairs[pairs[:, 0] > pairs[:, 1]].tolist()):
+        raise InputError(
+            f"hole-{j + 1} and hole-{i + 1} of preform.outline touch or overlap, "
+            "make one hole of them or move them apart"
+        )
     return orient(shapely.remove_repeated_points(shapely.force_2d(outline)))
 
 

@@ -513,7 +513,7 @@ def test_bad_override(write, override):
         ),
         (
             ["solver.options={ksp_rtol=[1]}"],
-            'solver.options "ksp_rtol" must be a string, a number or true/false, got [1]',
+            'solver.options "ksp_rtol" must be a number from 1e-16 to 1, got [1]',
         ),
         (
             ["a=1", "b=1", "c=1", "d=1"],
@@ -596,14 +596,26 @@ def test_files(tmp_path, write):
                 ("mat_mumps_icntl_22", "1"),
                 ("mat_mumps_icntl_1", "7"),
                 ("options_file", "'x'"),
+                ("snes_rtol", "1e-3"),
+                ("mat_mumps_icntl_99", "1"),
+                ("sub_sub_sub_sub_pc_type", "'lu'"),
             )
         ),
         *(
             (f"{name}={value}", f'"{name}" must be {what}')
             for name, value, what in (
-                ("pc_type", "'python'", "a number or one of PETSc's words that run no code"),
-                ("ksp_type", "'PYTHON'", "a number or one of PETSc's words that run no code"),
-                ("pc_type", "'a/b'", "a number or one of PETSc's words that run no code"),
+                ("pc_type", "'python'", "one of none, jacobi, "),
+                ("ksp_type", "'PYTHON'", "one of preonly, cg, "),
+                ("pc_type", "'a/b'", "one of none, jacobi, "),
+                ("pc_sor_its", "2_000_000_000", "a whole number from 1 to 100, got 2000000000"),
+                ("mg_levels_pc_sor_lits", "-1", "a whole number from 1 to 100, got -1"),
+                ("ksp_max_it", f"1{'0' * 300}", "a whole number from 1 to 1000000, got "),
+                ("ksp_max_it", "30.0", "a whole number from 1 to 1000000, got 30.0"),
+                ("ksp_max_it", "true", "a whole number from 1 to 1000000, got True"),
+                ("ksp_rtol", "nan", "a number from 1e-16 to 1, got nan"),
+                ("pc_sor_omega", "1e308", "a number from 0.001 to 1.999, got 1e+308"),
+                ("snes_type", "'ksponly'", "one of newtonls, got 'ksponly'"),
+                ("pc_gamg_repartition", "1", "true or false, got 1"),
                 ("ksp_view", "':file.txt'", "true or false"),
                 ("ksp_converged_reason", "'binary'", "true or false"),
                 ("sub_ksp_monitor", "'ascii'", "true or false"),
@@ -620,6 +632,14 @@ def test_options_neither_run_code_nor_write_files(write, options, message):
     data["solver"]["options"] = tomllib.loads(options)
     with pytest.raises(InputError, match=re.escape(message)):
         Case.from_data(data)
+
+
+def test_options_are_counted_and_slips_are_named(write):
+    many = ", ".join(f"o{i}=1" for i in range(101))
+    with pytest.raises(InputError, match="solver.options has 101 options, at most 100 can"):
+        Case.load(write(SPECIMEN), [f"solver.options={{{many}}}"])
+    with pytest.raises(InputError, match=r'without end \(did you mean "mg_levels_ksp_max_it"\?\)'):
+        Case.load(write(SPECIMEN), ["solver.options={mg_levels_ksp_maxit=3}"])
 
 
 def test_the_program_s_own_settings_may_be_set(write):
