@@ -13,11 +13,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from ..errors import InputError
+from ..reading import MIB, read_given
 from ..units import format_si
 from .profile import ROUNDING, clean
 
 SIDES = {f"{sign}{axis}": k for k, axis in enumerate("xyz") for sign in "+-"}
 _LARGEST, _SMALLEST = 20.0, 2e-3  # m, of a tool
+_LARGEST_FILE = 512 * MIB
 SHARP = math.radians(40.0)  # beyond it two facets meet at an edge and are not one smooth surface
 _AWAY = 1e-3  # share of a skin that may face away from its side
 
@@ -83,12 +85,8 @@ def read(path: Path, unit: float | None) -> tuple[np.ndarray, np.ndarray]:
     if (unit is None) != (readers[kind] is _step):
         need = "needs" if unit is None else "says it itself and must not have"
         raise InputError(f'"{path}" {need} the key unit, for example "mm"')
-    try:
-        with open(path, "rb") as file:
-            if not file.read(1):
-                raise InputError(f'"{path}" is empty')
-    except OSError as error:
-        raise InputError(f'"{path}" cannot be read: {error.strerror}') from None
+    if not read_given(path, "file", kind[1:].upper(), _LARGEST_FILE, zeros=True):
+        raise InputError(f'"{path}" is empty')
     points, triangles = readers[kind](path)
     if len(triangles) == 0:
         raise InputError(f'"{path}" has no facets, or is no {kind[1:].upper()} file')

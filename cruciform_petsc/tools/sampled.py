@@ -20,6 +20,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import InputError
+from ..reading import open_regular
 from ..units import format_si
 from .distance import BAND, read_spline, sample, worst_jump
 from .facets import SIDES, Body, checked, height_facets, radii, read
@@ -27,7 +28,7 @@ from .surface import Facets, Look, Surface
 
 CELLS = 256  # along the longest side, by default
 MOST_POINTS = 4_000_000  # of a grid by default: 32 MB on each rank
-_LIMIT = 128_000_000  # of any: 1 GB
+_LIMIT = 32_000_000  # of any: 256 MB on each rank, and 1.5 GB on rank 0 while it is made
 REACH = 2e-3  # m from the surface, within which distances are exact by default
 _DOUBTFUL = 1.25  # cells: a jump of the sign that is more than rounding
 _VERSION = 1  # of what the cache holds: a change here makes new ones
@@ -134,16 +135,18 @@ class Sampled(Surface):
 
         `cell` [m] by default: the longest side over 256, more where the grid would take over 32 MB;
         `reach` [m]: how far from the surface distances are wanted exactly.
-        Raises InputError for a grid of more than 1 GB, and for facets that cross each other.
+        Raises InputError for a grid of more than 256 MB, and for facets that cross each other.
         """
         low, high = body.points.min(axis=0), body.points.max(axis=0)
         size = high - low
+        if cell is not None and not 0.0 < cell < math.inf:
+            raise InputError(f"cell must be positive, got {format_si(cell, 'm')}")
         if cell is None:
             cell = _coarser(size, float(size.max()) / CELLS, reach, MOST_POINTS)
         most = _coarser(size, cell, reach, _LIMIT)
         if most > cell:
             raise InputError(
-                f"cell = {format_si(cell, 'm')} makes a grid of over 1 GB for {name}, "
+                f"cell = {format_si(cell, 'm')} makes a grid of over 256 MB for {name}, "
                 f"take at least {format_si(most, 'm')}"
             )
         shape = tuple(int(n) for n in _count(size, cell, reach))
@@ -248,7 +251,7 @@ def from_file(
     ------
     InputError
         A file that cannot be read or is none of these; no surface, open without a side, inside out,
-        crossing itself; smaller than 2 mm or larger than 20 m; a grid of more than 1 GB.
+        crossing itself; smaller than 2 mm or larger than 20 m; a grid of more than 256 MB.
     """
     path = Path(path)
     if side is not None and side not in (*SIDES, "outside", "inside"):
@@ -258,7 +261,7 @@ def from_file(
         side = "+z"
     places: list[Path] = []
     if cache:
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, ValueError):  # read says what is wrong
             places = _caches(path, repr((_VERSION, unit, side, cell, reach)))
     for place in places:
         with contextlib.suppress(Exception):  # damaged in any way
@@ -274,7 +277,7 @@ def from_file(
 
 def _caches(path: Path, how: str) -> list[Path]:
     """Where the grid of a file may be kept, first choice first."""
-    with open(path, "rb") as file:
+    with open_regular(path, follow=True) as file:
         content = hashlib.file_digest(file, "sha256").hexdigest()[:12]
     name = f"{path.name}.{content}-{hashlib.sha256(how.encode()).hexdigest()[:8]}.distance.npz"
     home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"

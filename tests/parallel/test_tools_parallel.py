@@ -29,5 +29,5 @@ def test_a_file_is_read_on_one_rank(tmp_path):
 def test_a_mistake_is_told_on_all(tmp_path):
     shared = COMM.bcast(tmp_path)
     table = ToolTable.from_data({"name": "a", "shape": {"file": "none.stl", "unit": "mm"}})
-    with pytest.raises(InputError, match='tool "a": .*cannot be read'):
+    with pytest.raises(InputError, match='tool "a": .*does not exist'):
         load(COMM, table, folder=shared)

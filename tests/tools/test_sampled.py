@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Surfaces from files: how exact their grids are, what is refused, what is kept in the cache."""
 
+import os
 import time
 
 import numpy as np
@@ -283,7 +284,8 @@ BAD = {
     "one side": (lambda p, f: moebius(), {"side": "+z"}, "no two sides"),
     "150 km": (lambda p, f: (p * 3.75e6, f), {}, r"tool of 150 km, which must be between"),
     "in metres": (lambda p, f: (p * 1e-3, f), {}, r'tool of 0.04 mm.*"m" makes it 40 mm'),
-    "too fine": (lambda p, f: (p, f), {"cell": 1e-6}, "grid of over 1 GB .*, take at least"),
+    "no cell": (lambda p, f: (p, f), {"cell": 0.0}, "cell must be positive"),
+    "too fine": (lambda p, f: (p, f), {"cell": 1e-6}, "grid of over 256 MB .*, take at least"),
 }
 
 
@@ -323,10 +325,13 @@ def test_other_things_than_tools(tmp_path, ball):
     with open(tmp_path / "corner.obj", "a") as file:
         file.write("f 1 2 99999\n")
     (tmp_path / "folder.stl").mkdir()
+    os.mkfifo(tmp_path / "pipe.stl")
     for name, options, words in (
         ("corner.obj", {}, "a corner that is not in the file"),
-        ("folder.stl", {}, "cannot be read: Is a directory"),
-        ("none.stl", {}, "cannot be read: No such file"),
+        ("folder.stl", {}, "is a folder"),
+        ("none.stl", {}, "does not exist"),
+        ("pipe.stl", {}, "no regular file"),
+        ("a\0.stl", {}, "cannot be read"),
         ("a.dwg", {}, "must be an STL, OBJ, PLY, STEP or CSV file"),
         ("corner.obj", {"unit": None}, "needs the key unit"),
         ("corner.obj", {"side": "up"}, "side must be one of"),
