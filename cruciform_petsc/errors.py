@@ -1,13 +1,34 @@
 # SPDX-License-Identifier: MIT
 """Errors that a user can act on: one sentence each, raised on every rank alike."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
+# What a terminal obeys, or does not show: control characters but for tab and line feed, ends of
+# line of Unicode, changes of the direction of writing, halves of characters (of file names that
+# are not UTF-8).
+_COMMANDS = re.compile(
+    "[\0-\b\v-\x1f\x7f-\x9f\xad\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]"
+)
+
+
+def harmless(text: str) -> str:
+    r"""A text with what a terminal would obey written out.
+
+    >>> harmless("red \x1b[31m")
+    'red \\x1b[31m'
+    """
+    return _COMMANDS.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
+
 
 class CruciformError(Exception):
     """A problem that is told in one sentence, without a traceback; the program ends with 2."""
+
+    def __str__(self) -> str:
+        """The sentence; what it quotes does nothing to a terminal."""
+        return harmless(super().__str__())
 
 
 class InputError(CruciformError):
@@ -21,6 +42,13 @@ class SolverError(CruciformError):
         super().__init__(message)
         self.reason = reason
         self.history = history or []
+
+
+class LibraryError(SolverError):
+    """PETSc, or a library that it calls, gave up for want of memory or the like.
+
+    What was solved may well have a solution, but the solver cannot go on: no smaller step is tried.
+    """
 
 
 class EquilibriumError(SolverError):

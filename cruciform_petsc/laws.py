@@ -197,9 +197,14 @@ class Potential:
         return float(self.evaluate(0.0)[2])
 
     @property
+    def knots(self) -> np.ndarray:
+        """Where a table has its points, from zero on, (n,); of formulas none."""
+        return self.packed[2 : 3 + int(self.data[1])] if self.data[0] == TABLE else np.empty(0)
+
+    @property
     def last_point(self) -> float:
         """Where a table ends and the law goes on straight; infinite for formulas."""
-        return self.data[2 + int(self.data[1])] if self.data[0] == TABLE else np.inf
+        return float(self.knots[-1]) if self.data[0] == TABLE else np.inf
 
 
 def linear(stiffness: float) -> Potential:

@@ -28,14 +28,17 @@ from ..errors import InputError, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import MEASURES, Quantity, format_si
+from ..units import LIMITS, MEASURES, Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
+# What the second column of a table of shear may be.
+TORQUE, SHEAR_FORCE = "torque per area", "shear force per length"
+DIFFERENCE = 0.05  # between the two, from which on it matters which one is meant
 # Keys that a law of shear takes.
 _SHEAR_LAWS = {
     None: ("modulus",),
-    "table": ("angle", "force", "points"),
+    "table": ("angle", "force", "points", "quantity"),
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
@@ -134,6 +137,8 @@ class Fabric:
         _check("shear.modulus", self.shear_modulus, "N/m")
         _check("tension.compression", self.compression, wanted="above 0 and at most 1")
         _check("tension.compression_width", self.compression_width)
+        for key in ("compression", "compression_width"):
+            _check_size(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
                 _check(name, getattr(self, name), unit)
@@ -316,6 +321,15 @@ def _check(key: str, value: Any, unit: str = "", wanted: str = "positive and fin
     if not (math.isfinite(number) and _WANTED[wanted](number)):
         got = format_si(number, unit) if unit else f"{number:g}"
         raise InputError(f"fabric.{key} must be {wanted}, got {got}")
+    _check_size(key, number, unit)
+
+
+def _check_size(key: str, number: float, unit: str) -> None:
+    """Refuse what is smaller, but for zero, or larger than anything of its kind is."""
+    least, most = LIMITS.get(unit, (0.0, math.inf))
+    if number != 0.0 and not least <= abs(number) <= (1.0 + 1e-5) * most:
+        ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
+        raise InputError(f"fabric.{key} must be {ends}, got {format_si(number, unit)}")
 
 
 def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> None:
@@ -328,6 +342,7 @@ def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> No
             f"fabric.{key} is a law whose slope at zero must be positive and finite, "
             f"got {format_si(slope, 'N/m')}"
         )
+    _check_size(key, slope, "N/m")
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
         raise InputError(
             f"fabric.{name} must be the slope of its law at zero, {format_si(slope, 'N/m')}, "
@@ -414,9 +429,10 @@ class YarnTable(Table):
     """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
     modulus: Annotated[Quantity, Of("N/m")] | None = None
     """Tension per width over strain. Needed without tension."""
-    poisson: float
-    """Contraction of the other family when this one is pulled. Reciprocity: poisson of the weft
-    times modulus of the warp is the reverse. Example: `0.0`"""
+    poisson: Number | None = None
+    """Contraction of the other family when this one is pulled. By default 0, or what follows from
+    the other family's by reciprocity: poisson of the weft times modulus of the warp is poisson of
+    the warp times modulus of the weft. Example: `0.45`"""
     yarns: Annotated[Quantity, Of("1/m")]
     """Yarns per length across them."""
     yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
@@ -455,13 +471,13 @@ class YarnTable(Table):
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
         bending = self.yarn_bending.si
-        return YarnFamily(modulus, self.poisson, self.yarns.si, bending, out), law
+        return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, bending, out), law
 
 
 class ShearTable(Table):
     """[fabric] shear: a modulus, or a law with its own keys."""
 
-    modulus: Annotated[Quantity, Of("N/m", example="0.96 N/cm")] | None = None
+    modulus: Annotated[Quantity, Of("N/m/rad")] | None = None
     """Of a linear law. Either this or law."""
     law: Literal["table", "polynomial", "sin-potential"] | None = None
     """A law in place of the modulus (docs/laws.md)."""
@@ -469,8 +485,13 @@ class ShearTable(Table):
     """Unit of the first column, with law = "table"."""
     force: Annotated[Quantity, Of("N/m", column=True)] | None = None
     """Unit of the second column, with law = "table"."""
+    quantity: Literal["torque per area", "shear force per length"] | None = None
+    """Of the second column, with law = "table": psi', or what a picture frame's force over
+    2 cos(theta) gives per side, F_s/L = psi'/cos(gamma) (docs/laws.md). By default torque per area.
+    Example: `"torque per area"`"""
     points: Pairs | None = None
-    """Shear angle and psi', rising, with law = "table". Example: `[[10, 0.01], [40, 0.2]]`"""
+    """Shear angle and the quantity, rising, with law = "table". Example:
+    `[[10, 0.01], [40, 0.2]]`"""
     coefficients: Annotated[Quantities, Of("N/m", many=True)] | None = None
     """Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial",
     k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential"."""
@@ -489,18 +510,33 @@ class ShearTable(Table):
             if key not in takes:
                 raise ValueError(f"takes {keys}, not {key}")
         for key in takes:
-            if key not in given:
+            if key not in (*given, "quantity"):
                 raise ValueError(f".{key} is missing")
         self.build()
         return self
+
+    def question(self) -> str | None:
+        """Ask what a table's second column is, where that makes a difference."""
+        law = self.build()
+        more = 1.0 / math.cos(law.last_point) - 1.0 if law.name == "table" else 0.0
+        if self.quantity is not None or more < DIFFERENCE:
+            return None
+        return (
+            f'fabric.shear does not name its quantity and is taken as "{TORQUE}": where the table '
+            f'ends, at {format_si(law.last_point, "rad")}, a picture frame\'s "{SHEAR_FORCE}" is '
+            f"{100.0 * more:.0f} % more; write which one it is"
+        )
 
     def build(self) -> Potential:
         """Make the law."""
         if self.modulus is not None:
             return linear(self.modulus.si)
         if self.angle is not None and self.force is not None and self.points is not None:
+            points = self.points
+            if self.quantity == SHEAR_FORCE:  # F_s L cos(gamma) is the torque on a frame of side L
+                points = [[angle, f * math.cos(angle * self.angle.si)] for angle, f in points]
             # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
-            return _law_through(self.angle, self.force, self.points, "90 deg")
+            return _law_through(self.angle, self.force, points, "90 deg")
         assert self.coefficients is not None  # the check above has seen to it
         values = si_values(self.coefficients)
         return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
@@ -566,6 +602,17 @@ class FabricTable(Table):
             )
         return self
 
+    def filled_in(self) -> list[str]:
+        """What was left out and is assumed, in sentences."""
+        yarns = {"warp": self.warp, "weft": self.weft}
+        left_out = [side for side, table in yarns.items() if table and table.poisson is None]
+        if not left_out:
+            return []
+        if len(left_out) == 2:
+            return ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
+        value = getattr(self.build(""), left_out[0]).poisson
+        return [f"fabric.{left_out[0]}.poisson is taken as {value:.6g}, by reciprocity"]
+
     def build(self, name: str) -> Fabric:
         """Make the fabric; one of the library keeps its name, with what is replaced."""
         given = {key: value for key, value in self if value is not None}
@@ -580,6 +627,10 @@ class FabricTable(Table):
                 replace(side, out_of_plane_bending=_per_width(bend, side.yarns))
                 for side in (warp, weft)
             )
+        if given["warp"].poisson is None:
+            warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
+        elif given["weft"].poisson is None:
+            weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,

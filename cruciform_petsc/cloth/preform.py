@@ -23,13 +23,12 @@ from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Of, Point, Ring, Sides, Table, si_values
+from ..fields import Count, Of, Point, Ring, Rings, Sides, Table, si_values
 from ..units import Quantity, format_si
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
-_MOST = 10**9  # of refine and yarns_per_cruciform
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -262,18 +261,19 @@ def _checked(outline: Any) -> shapely.Polygon:
     _check_ring("preform.outline", shell)
     for i, hole in enumerate(holes):
         _check_ring(f"hole-{i + 1}", hole)
-    for i, hole in enumerate(holes):
-        if not shell.contains_properly(hole):
-            raise InputError(
-                f"hole-{i + 1} of preform.outline touches or leaves the outline, "
-                "it must lie wholly inside"
-            )
-        for j in range(i):
-            if not holes[j].disjoint(hole):
-                raise InputError(
-                    f"hole-{j + 1} and hole-{i + 1} of preform.outline touch or overlap, "
-                    "make one hole of them or move them apart"
-                )
+    shapely.prepare(shell)
+    for i in np.flatnonzero(~shapely.contains_properly(shell, holes)):
+        raise InputError(
+            f"hole-{i + 1} of preform.outline touches or leaves the outline, "
+            "it must lie wholly inside"
+        )
+    tree = shapely.STRtree(holes)
+    pairs = tree.query(tree.geometries, predicate="intersects").T
+    for i, j in sorted(pairs[pairs[:, 0] > pairs[:, 1]].tolist()):
+        raise InputError(
+            f"hole-{j + 1} and hole-{i + 1} of preform.outline touch or overlap, "
+            "make one hole of them or move them apart"
+        )
     return orient(shapely.remove_repeated_points(shapely.force_2d(outline)))
 
 
@@ -339,7 +339,7 @@ class OutlineTable(Table):
     polygon: Ring | None = None
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
-    holes: list[Ring] = Field(default=[])
+    holes: Rings = Field(default=[])
     """Corners of each hole. Example:
     `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
 
@@ -364,9 +364,9 @@ class LatticeTable(Table):
 
     bias_angle: Annotated[Quantity, Of("rad")]
     """From the pull (y) to the warp."""
-    refine: Annotated[Count, Field(le=_MOST)] = 1
+    refine: Count = 1
     """A finer net of the same fabric: pitch divided by this."""
-    yarns_per_cruciform: Annotated[Count, Field(le=_MOST)] = 1
+    yarns_per_cruciform: Count = 1
     """A coarser net: pitch times this. Not together with refine."""
     origin: Point | None = None
     """A crossover's place. The default is the centre of the outline's bounding box.

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..parallel import least, most
 from ..quantities import si_text
+from ..solvers.options import unused_options
 from .net_kinematics import net_reach
 
 if TYPE_CHECKING:
@@ -21,7 +22,9 @@ BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 def warnings(result: TestResult) -> list[str]:
     """Sentences about a result. Collective."""
     largest = float(result.shear_angles_max.max())
-    return _finite(result, largest) if result.experiment.finite else _small(result, largest)
+    experiment = result.experiment
+    sentences = _finite(result, largest) if experiment.finite else _small(result, largest)
+    return sentences + unused_options(experiment.network.comm, experiment.options)
 
 
 def _small(result: TestResult, largest: float) -> list[str]:

@@ -12,6 +12,8 @@ from ..cloth.preform import Preform
 from ..errors import InputError
 from ..fields import Count, Of, Quantities, Size, Table, si_values
 
+MOST_INCREMENTS = 100_000
+
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
@@ -53,7 +55,7 @@ class TestTable(Table):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
-    increments: Count | None = None
+    increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
 

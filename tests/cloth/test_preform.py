@@ -3,6 +3,7 @@
 
 import math
 import pickle
+import time
 
 import numpy as np
 import pytest
@@ -298,3 +299,13 @@ def test_pickles_and_repr():
         "Preform(24 mm x 36 mm, area 8.64 cm^2, 0 holes, bias 45 deg, refine 2, "
         "yarns_per_cruciform 1)"
     )
+
+
+def test_thousands_of_holes():
+    """Not all pairs of them are looked at: 3,600 take under a second; two that touch are found."""
+    begin = time.process_time()
+    holes = [square(2 * i + 1, 2 * j + 1) for i in range(60) for j in range(60)]
+    assert len(Preform.polygon(square(0, 0, 122), holes).edges) > 3600
+    with pytest.raises(InputError, match="hole-1201 and hole-3601 of preform.outline touch"):
+        Preform.polygon(square(0, 0, 122), [*holes, square(2 * 20 + 2, 1)])
+    assert time.process_time() - begin < 6.0

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Crossovers, arms, nodes and the partition of networks on one rank."""
 
+import time
+
 import numpy as np
 import pytest
 import shapely
@@ -424,3 +426,16 @@ def test_partition_of_one_crossover():
         partition = Partition(network.warp_yarns, size)
         counts = [len(partition.crossovers(network.warp_yarns, rank)) for rank in range(size)]
         assert sorted(counts) == [0] * (size - 1) + [1]
+
+
+def test_hundreds_of_holes():
+    """Quarters of cells at the outline do not each look at all of it: a second, once a minute."""
+    side = 0.2
+    begin = time.process_time()
+    corner = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * 0.3 * side / 16
+    grid = (np.indices((16, 16)).reshape(2, -1).T + 0.3) * side / 16 - [0.5 * side, 0.0]
+    holes = (grid[:, None] + corner).tolist()
+    preform = Preform.rectangle(side, side, "45 deg", holes=holes, refine=2)
+    network = Network(MPI.COMM_SELF, preform, TABLE_1)
+    assert network.covered_area() == pytest.approx(preform.outline.area, rel=1e-9)
+    assert time.process_time() - begin < 8.0
