@@ -78,11 +78,10 @@ class Of(_Read):
                 raise ValueError(f"{which}{error}{also}") from None
         if self.good is not None and not self.good(quantity.si):
             raise ValueError(f'{which}must be {self.wanted}, got "{cut(quantity)}"')
-        least = LIMITS[quantity.unit][0]
+        unit = quantity.unit
+        least = LIMITS[unit][0]
         if self.least and 0.0 < abs(quantity.si) < least:
-            what = (
-                f"{MEASURES[quantity.unit][0]} is 0 or at least {format_si(least, quantity.unit)}"
-            )
+            what = f"{MEASURES[unit][0]} is 0 or at least {format_si(least, unit)}"
             raise ValueError(f'{which}= "{cut(quantity)}" is too small, {what}')
         return quantity
 

@@ -643,16 +643,16 @@ class FabricTable(Table):
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
-        if given["warp"].poisson is None:
-            warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
-        elif given["weft"].poisson is None:
-            weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         if self.out_of_plane_bending is not None:
             bend = self.out_of_plane_bending
             warp, weft = (
                 replace(side, out_of_plane_bending=_per_width(bend, side.yarns))
                 for side in (warp, weft)
             )
+        if given["warp"].poisson is None:
+            warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
+        elif given["weft"].poisson is None:
+            weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,

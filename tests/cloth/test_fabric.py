@@ -515,48 +515,6 @@ def test_bad_laws_in_a_table(change, message):
     assert str(caught.value) == message
 
 
-# -- what may be left out ---------------------------------------------------------------------
-
-
-def of_poisson(warp, weft):
-    """A cloth of unlike moduli, with these ratios; None: left out."""
-    table = {"shear": {"modulus": "1 N/cm"}}
-    for side, modulus, poisson in (("warp", "600 N/cm", warp), ("weft", "250 N/cm", weft)):
-        table[side] = {"modulus": modulus, "yarns": "2 /cm"}
-        table[side] |= {} if poisson is None else {"poisson": poisson}
-    table = FabricTable.from_data(table, "fabric")
-    return table.build("x"), table.filled_in()
-
-
-def test_poisson_ratios_that_are_left_out():
-    """Zero, or what reciprocity says: nu_weft E_warp = nu_warp E_weft."""
-    fabric, said = of_poisson(None, None)
-    assert (fabric.warp.poisson, fabric.weft.poisson) == (0.0, 0.0)
-    assert said == ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
-    fabric, said = of_poisson(0.6, None)
-    assert fabric.weft.poisson == pytest.approx(0.25)
-    assert said == ["fabric.weft.poisson is taken as 0.25, by reciprocity"]
-    fabric, said = of_poisson(None, 0.25)
-    assert fabric.warp.poisson == pytest.approx(0.6)
-    assert said == ["fabric.warp.poisson is taken as 0.6, by reciprocity"]
-    fabric, said = of_poisson(0, None)
-    assert fabric.weft.poisson == 0.0
-    assert of_poisson(0.6, 0.25)[1] == []
-
-
-def test_moduli_have_limits():
-    """In Python, too; and so have the slopes that laws begin with."""
-    family = YarnFamily(1e12, 0.0, 200.0)
-    assert Fabric("x", family, family, 1e-12).shear_modulus == 1e-12
-    with pytest.raises(InputError, match=r"fabric.shear.modulus must be from 1e-14 N/cm to"):
-        Fabric("x", family, family, 1e-300)
-    with pytest.raises(InputError, match=r"fabric.warp.modulus must be from .*got 1e\+298 N/cm"):
-        Fabric("x", replace(family, modulus=1e300), family, 1.0)
-    points = {"law": "table", "angle": "rad", "force": "N/m", "points": [[1e-300, 1e-3], [1, 1]]}
-    with pytest.raises(InputError, match=r"fabric.shear"):
-        Fabric.from_library("e-glass-plain-2.4", {"shear": points})
-
-
 def woven(**warp):
     """A cloth as in a case file, with more keys of the warp."""
     side = {"modulus": "520 N/cm", "poisson": 0, "yarns": "2.4 /cm"}
@@ -623,3 +581,45 @@ def test_bending_beside_a_fabric_of_the_library():
         laws = fabric.out_of_plane("this")
         assert [law.stiffness0 for law in laws] == pytest.approx([rigidity, rigidity])
         assert fabric.name == "e-glass-plain-2.4, out_of_plane_bending replaced"
+
+
+# -- what may be left out ---------------------------------------------------------------------
+
+
+def of_poisson(warp, weft):
+    """A cloth of unlike moduli, with these ratios; None: left out."""
+    table = {"shear": {"modulus": "1 N/cm"}}
+    for side, modulus, poisson in (("warp", "600 N/cm", warp), ("weft", "250 N/cm", weft)):
+        table[side] = {"modulus": modulus, "yarns": "2 /cm"}
+        table[side] |= {} if poisson is None else {"poisson": poisson}
+    table = FabricTable.from_data(table, "fabric")
+    return table.build("x"), table.filled_in()
+
+
+def test_poisson_ratios_that_are_left_out():
+    """Zero, or what reciprocity says: nu_weft E_warp = nu_warp E_weft."""
+    fabric, said = of_poisson(None, None)
+    assert (fabric.warp.poisson, fabric.weft.poisson) == (0.0, 0.0)
+    assert said == ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
+    fabric, said = of_poisson(0.6, None)
+    assert fabric.weft.poisson == pytest.approx(0.25)
+    assert said == ["fabric.weft.poisson is taken as 0.25, by reciprocity"]
+    fabric, said = of_poisson(None, 0.25)
+    assert fabric.warp.poisson == pytest.approx(0.6)
+    assert said == ["fabric.warp.poisson is taken as 0.6, by reciprocity"]
+    fabric, said = of_poisson(0, None)
+    assert fabric.weft.poisson == 0.0
+    assert of_poisson(0.6, 0.25)[1] == []
+
+
+def test_moduli_have_limits():
+    """In Python, too; and so have the slopes that laws begin with."""
+    family = YarnFamily(1e12, 0.0, 200.0)
+    assert Fabric("x", family, family, 1e-12).shear_modulus == 1e-12
+    with pytest.raises(InputError, match=r"fabric.shear.modulus must be from 1e-14 N/cm to"):
+        Fabric("x", family, family, 1e-300)
+    with pytest.raises(InputError, match=r"fabric.warp.modulus must be from .*got 1e\+298 N/cm"):
+        Fabric("x", replace(family, modulus=1e300), family, 1.0)
+    points = {"law": "table", "angle": "rad", "force": "N/m", "points": [[1e-300, 1e-3], [1, 1]]}
+    with pytest.raises(InputError, match=r"fabric.shear"):
+        Fabric.from_library("e-glass-plain-2.4", {"shear": points})
