@@ -206,11 +206,6 @@ class Potential:
         """Where a table ends and the law goes on straight; infinite for formulas."""
         return float(self.knots[-1]) if self.data[0] == TABLE else np.inf
 
-    @property
-    def knots(self) -> np.ndarray:
-        """Points x of a table, with the origin; of formulas none."""
-        return self.packed[2 : 3 + int(self.data[1])] if self.data[0] == TABLE else np.empty(0)
-
 
 def linear(stiffness: float) -> Potential:
     """The law w' = stiffness x."""

@@ -341,7 +341,7 @@ def _number(
 def _size(key: str, number: float, unit: str) -> Iterator[str]:
     """What is smaller, but for zero, or larger than anything of its kind is."""
     least, most = LIMITS.get(unit, (0.0, math.inf))
-    if number != 0.0 and not least <= abs(number) <= (1.0 + 1e-5) * most:
+    if 0.0 < abs(number) < math.inf and not least <= abs(number) <= (1.0 + 1e-5) * most:
         ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
         yield f"fabric.{key} must be {ends}, got {format_si(number, unit)}"
 
