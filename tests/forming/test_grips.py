@@ -82,7 +82,7 @@ def test_a_slope(slope):
     lay = StagePlan("lay", step=1.0)
     turn = StagePlan("tilt", {"bed": lambda p: Motion(p, axis=[0, 1, 0], angle=tilt)}, step=0.05)
     wait = StagePlan("wait", step=1.0, results=100)
-    steps, states = formed(blank, lay, turn, wait)
+    _, states = formed(blank, lay, turn, wait)
     down = Rotation.from_rotvec([0.0, tilt, 0.0]).as_matrix()
     at = blank.cloth_at[blank.ply.active]
     # Along the plate over the last 90 steps of rest.

@@ -24,10 +24,12 @@ HARD = ContactSettings(2e7, 2e-4, 1e-5, 20.0)
 OVER = np.diag([1.0, -1.0, -1.0])  # turns a tool that looks up upside down
 
 
-def cloth(modulus="520 N/cm", bending="1e-4 N mm", shear="50 N/m", **further) -> Fabric:
+def cloth(
+    modulus="520 N/cm", bending="1e-4 N mm", shear="50 N/m", yarn_bending="0.001 N mm^2", **further
+) -> Fabric:
     """A cloth of one kind of yarns, 2.4 to the centimetre; ``bending``: of one or both families."""
     warp, weft = (bending, bending) if isinstance(bending, str) else bending
-    yarn = {"modulus": modulus, "poisson": 0, "yarns": "2.4 /cm", "yarn_bending": "0.001 N mm^2"}
+    yarn = {"modulus": modulus, "poisson": 0, "yarns": "2.4 /cm", "yarn_bending": yarn_bending}
     table = {
         "warp": {**yarn, "out_of_plane_bending": warp},
         "weft": {**yarn, "out_of_plane_bending": weft},
@@ -107,10 +109,10 @@ def travel(*way, curve=None):
     return lambda pose: Motion(pose, np.array(way), curve=curve)
 
 
-def formed(blank, *plans):
+def formed(blank, *plans, **options):
     """Its steps and all of its states."""
     states = []
-    result = form(blank, plans, accepted=lambda step, state: states.append(state))
+    result = form(blank, plans, accepted=lambda step, state: states.append(state), **options)
     return result.steps, states
 
 
