@@ -116,12 +116,12 @@ def formed(blank, *plans, **options):
     return result.steps, states
 
 
-def hemisphere(comm=MPI.COMM_SELF, depth=20e-3, steps=10, yarns_per_cruciform=2):
-    """A small hemisphere, punch of 20 mm, and the plans that form it."""
+def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD):
+    """A small hemisphere, 20 mm deep, and the plans that form it; 121 crossovers."""
     law = {"law": "sin-potential", "coefficients": ["18.5 N/m", "46.4 N/m", "60 N/m"]}
     net = network(
         (92.0, 92.0), cloth(bending="1 N mm", shear=law), comm=comm,
-        yarns_per_cruciform=yarns_per_cruciform,
+        yarns_per_cruciform=2,
     )  # fmt: skip
     radius = 20e-3
     tools = [
@@ -132,9 +132,9 @@ def hemisphere(comm=MPI.COMM_SELF, depth=20e-3, steps=10, yarns_per_cruciform=2)
             Pose(np.array([0, 0, 1e-3 + radius]), OVER),
         ),
     ]  # fmt: skip
-    blank = Blank(net, tools, settings=HARD)
+    blank = Blank(net, tools, settings=settings)
     plans = [
-        StagePlan("close", forces={"holder": np.array([0.0, 0.0, -20.0])}, step=1.0),
-        StagePlan("draw", {"punch": travel(0, 0, -depth)}, step=1.0 / steps),
+        StagePlan("close", forces={"holder": np.array([0.0, 0.0, -20.0])}, step=1 / close),
+        StagePlan("draw", {"punch": travel(0, 0, -20e-3)}, step=1.0 / steps),
     ]
     return blank, plans
