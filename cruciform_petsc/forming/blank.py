@@ -53,7 +53,7 @@ class ContactSettings:
 
         A pressure that strains its yarns by 1 % over a radius of fifty thicknesses compacts it by
         half its thickness on either side; friction slips elastically by a hundredth of it; a
-        viscous sheet that sinks by its thickness in a second takes a millionth of that pressure.
+        viscous sheet that sinks as far in a second takes a millionth of that pressure.
         """
         thickness = fabric.needed("thickness", "contact")
         stiffness = 4e-4 * 0.5 * (fabric.c11 + fabric.c22) / thickness**2

@@ -169,9 +169,8 @@ class Suction(Item):
         """
         area = self._areas(state.x)
         old = state.memory.get(self.name, {}).get("area", self._at_rest)
-        size, change = (
-            abs(self.pressure) * np.linalg.norm(v, axis=1).sum() for v in (area, area - old)
-        )
+        push = abs(state.factors.get(self.name, 1.0) * self.pressure)
+        change, size = (push * np.linalg.norm(v, axis=1).sum() for v in (area - old, area))
         return {"area": area}, float(change), float(size)
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:

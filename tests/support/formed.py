@@ -37,7 +37,7 @@ def cloth(
         "areal_density": "500 g/m^2",
         "shear": {"modulus": shear} if isinstance(shear, str) else shear,
     }
-    return Fabric.from_table("cloth", {**table, **further})
+    return Fabric.from_table("cloth", table | further)
 
 
 def network(size, fabric=None, angle="0 deg", comm=MPI.COMM_SELF, **options) -> Network:
