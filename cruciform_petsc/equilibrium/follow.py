@@ -108,7 +108,9 @@ def follow(
             if not aim.accepts(found):
                 continue
             last = replace(last, memory=equilibrium.model.accepted(last))
-            solved[-1] = found = replace(found, state=last)
+            # What friction and viscosity have dissipated by now is none of the energy stored.
+            energies = equilibrium.model.energies(last) if any(last.memory.values()) else {}
+            solved[-1] = found = replace(found, state=last, energies=energies or found.energies)
             path.append(last)
             if aim.reached:
                 path.target += 1
