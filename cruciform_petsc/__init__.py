@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .cloth.preform import Preform as Preform
     from .continuum.compare import compare_with_membrane as compare_with_membrane
     from .errors import CruciformError as CruciformError
+    from .errors import CruciformWarning as CruciformWarning
     from .errors import InputError as InputError
     from .errors import SolverError as SolverError
     from .experiments.bias_extension import BiasExtension as BiasExtension
@@ -46,7 +47,7 @@ _NAMES = {
     "cloth.fabric": ("Fabric", "YarnFamily"),
     "cloth.preform": ("Preform",),
     "continuum.compare": ("compare_with_membrane",),
-    "errors": ("CruciformError", "InputError", "SolverError"),
+    "errors": ("CruciformError", "CruciformWarning", "InputError", "SolverError"),
     "experiments.bias_extension": ("BiasExtension",),
     "experiments.biaxial": ("Biaxial",),
     "experiments.cantilever": ("Cantilever",),

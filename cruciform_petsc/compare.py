@@ -19,9 +19,9 @@ import numpy as np
 from .calibration.curve import read_curve
 from .errors import InputError
 from .experiments.registry import KINDS, kind_class
+from .experiments.result import EFFORT
 from .output import pictures
 from .output.folder import OF_COMPARISON, explaining, locked
-from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
 from .quantities import Quantity, displacement, quantity
@@ -127,13 +127,10 @@ def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Diffe
 def load_line(result: TestResult) -> Line:
     """Load (N) over displacement (mm) of a result, as a test machine sees it. Collective.
 
-    The loading branch; with all increments, if the displacement is what the test prescribes.
+    The loading branch, with all increments.
     """
-    curve, steps = result.curve(), result.increments
+    curve = result.curve()
     column = _displacement(curve, result.experiment.kind)
-    if column == result.experiment.column and steps:
-        controls = np.array([step.control for step in steps]) / column.scale
-        return loading(controls, np.array([step.load for step in steps]))
     return loading(curve[column.column], curve["load_N"])
 
 
@@ -162,8 +159,8 @@ class Side:
     path: str
     title: str
     kind: str  # of test, or "measured"
-    columns: dict[str, np.ndarray]  # at the values asked for (n,), the control first
-    path_columns: dict[str, np.ndarray]  # at all increments (m,), what is known there
+    columns: dict[str, np.ndarray]  # of all increments (n,), the control first
+    asked: np.ndarray  # which of them have values that were asked for, bool (n,)
 
     @property
     def is_measured(self) -> bool:
@@ -171,11 +168,8 @@ class Side:
         return self.kind == "measured"
 
     def line(self, x: str, y: str) -> Line:
-        """The loading branch of a column over another, with all increments if they have it."""
-        columns = self.columns
-        if x in self.path_columns and y in self.path_columns:
-            columns = self.path_columns
-        return loading(columns[x], columns[y])
+        """The loading branch of a column over another."""
+        return loading(self.columns[x], self.columns[y])
 
 
 def read_side(path: str | Path) -> Side:
@@ -188,19 +182,21 @@ def read_side(path: str | Path) -> Side:
     if not path.is_dir():
         measured = read_curve(path)
         columns = {"displacement_mm": 1e3 * measured.displacement, "load_N": measured.force}
-        return Side(str(path), path.name, "measured", columns, {})
+        every = np.ones(len(measured.force), bool)
+        return Side(str(path), path.name, "measured", columns, every)
     if not (path / "curve.csv").is_file():
         raise InputError(
             f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
         )
     columns = _table(path / "curve.csv")
-    further = _table(path / "increments.csv") if (path / "increments.csv").is_file() else {}
+    asked = columns.get("asked", np.ones(1)) > 0
+    asked = np.broadcast_to(asked if asked.any() else True, next(iter(columns.values())).shape)
     try:
         summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
         title, kind = str(summary["title"]), str(summary["kind"])
     except (OSError, ValueError, KeyError, TypeError):
         title, kind = path.name, "unknown"
-    return Side(str(path), title, kind, _with_energy(columns), _with_energy(further))
+    return Side(str(path), title, kind, _with_energy(columns), asked)
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
@@ -260,7 +256,7 @@ def compare(
         names = [name for name in a.columns if name in b.columns and name != axes[0]]
     lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
     x = {side: side.columns[axis] for side, axis in zip(sides, axes, strict=True)}
-    at = np.concatenate([x[side] for side in exact])
+    at = np.concatenate([x[side][side.asked] for side in exact])
     figures = {}
     for name, pair in lines.items():
         found = difference(*pair, at, relative=quantity(name).unit != "°")

@@ -36,6 +36,10 @@ class EquilibriumError(SolverError):
         self.result: Any = None
 
 
+class CruciformWarning(UserWarning):
+    """What should be known before a result is trusted, where no log tells it."""
+
+
 def cut(text: str, most: int = 80) -> str:
     """The beginning of a text that is too long for a message."""
     return text if len(text) <= most else f"{text[: most - 3]}..."

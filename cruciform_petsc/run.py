@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +18,7 @@ from .calibration.curve import MeasuredCurve, read_curve
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .errors import EquilibriumError, InputError, SolverError
+from .errors import CruciformWarning, EquilibriumError, InputError, SolverError
 from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
@@ -41,6 +42,7 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     _check_comparison(comm, case)
     log.info("%s", case.title)
     network, _ = _make_network(comm, case, Stages(log))
+    log.info("%s%s, %s", INDENT, case.test.kind, _size(case))
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
@@ -61,8 +63,13 @@ def run_case(
     there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
     every rank after all that was reached is on disk.
     """
-    with locked(comm, directory, OF_RUN, log):
+    with locked(comm, directory, OF_RUN, log), catch_warnings():
+        simplefilter("ignore", CruciformWarning)  # the log and the summary tell it
         return _Run(comm, case, directory, log, checkpoint).run()
+
+
+def _size(case: Case) -> str:
+    return "finite deformation" if case.test.finite else "small displacements"
 
 
 def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
@@ -162,7 +169,7 @@ class _Run:
     def _solve(self, experiment: Experiment) -> TestResult:
         """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
         case, log = self.case, self.log
-        progress = Progress(experiment, self.directory / "increments.csv", log)
+        progress = Progress(experiment, self.directory / "curve.csv", log)
         resumed = self.checkpoint is not None
         if case.test.finite:
             self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
@@ -176,8 +183,8 @@ class _Run:
             progress.go_on_from(self.checkpoint.increments)
             command = resume_command(self.directory, self.comm.size)
             log.info("%sif interrupted, continue with: %s", INDENT, command)
-        size = "finite deformation" if case.test.finite else f"{experiment.model} model"
-        with self.stages.stage("solve", f"{case.test.kind}, {size}, solved"):
+        model = "" if case.test.finite else f", {experiment.model} model"
+        with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
                 with self._telling_how_to_resume(), progress.bar():
                     return experiment.solve(progress, self.checkpoint)
@@ -218,7 +225,7 @@ class _Run:
         if output.paraview:
             notes = file_notes(result, self.case.model_dump())
             paraview.write_state(directory / "network.vtkhdf", result, notes)
-            if len(result.states) > 1:
+            if max(len(result.states), len(result.increments)) > 1:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)

@@ -130,7 +130,7 @@ def test_finite(demo, tmp_path):
     assert {"yarns.png", "energy.png"} < pictures
     assert len([name for name in pictures if "_against_" in name]) == 1
     assert ("stages.png" in pictures) == (demo != "biaxial")
-    for name in ("series.vtkhdf", "increments.csv"):
+    for name in ("series.vtkhdf", "curve.csv"):
         assert (tmp_path / "2" / name).stat().st_size > 40
 
 

@@ -15,14 +15,14 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, model_validator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, shown
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
-from ..experiments.table import TestTable
+from ..experiments.table import TestTable, small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table
 from ..parallel import on_root
 
@@ -160,6 +160,15 @@ class Case(Table):
     """Options of the solver."""
     output: OutputTable = OutputTable()
     """What is written, and where."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _ladder_asks_for_small(cls, data: Any) -> Any:
+        match data:
+            case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
+                if not others.get("second_gradient"):  # which is finite
+                    return data | {"test": small_unless_told(test)}
+        return data
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:

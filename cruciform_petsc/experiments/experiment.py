@@ -8,13 +8,14 @@ everything else by proportion) or at finite deformation (finite.py).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..equilibrium.stages import Increment
-from ..errors import EquilibriumError, InputError
+from ..errors import CruciformWarning, EquilibriumError, InputError
 from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -24,6 +25,7 @@ from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
+from .limits import SMALL_DEG, beyond_small
 from .result import State, TestResult
 from .table import TestTable
 
@@ -58,10 +60,10 @@ class Experiment:
         Rigidity of warp and weft for bending out of the plane, per width, N m. Finite deformation
         is solved in space then, with z held.
     **keys
-        Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (finite
-        deformation; else small displacements), ``bending`` (whether yarns resist it in the plane),
-        ``increments`` (finite deformation: at least so many steps to the largest value), the
-        controls by name, and the kind's own, which become attributes.
+        Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (False: small
+        displacements; by default only where something asks for them), ``bending`` (whether yarns
+        resist it in the plane), ``increments`` (finite deformation: at least so many steps to the
+        largest value), the controls by name, and the kind's own, which become attributes.
 
     Attributes
     ----------
@@ -199,8 +201,11 @@ class Experiment:
     ) -> TestResult:
         """Solve and measure. Collective.
 
+        Small displacements beyond limits.SMALL_DEG of shear are a CruciformWarning on rank 0.
+
         At finite deformation ``accepted`` is called with each accepted Increment, and ``keeper`` is
-        a checkpoint, kept up to date at each; from one opened from files the test goes on.
+        a checkpoint, kept up to date at each; from one opened from files the test goes on. Without
+        it the result holds positions after each increment in memory, 16 bytes a node in the plane.
 
         Raises
         ------
@@ -208,7 +213,13 @@ class Experiment:
             On every rank. At finite deformation an EquilibriumError, whose ``result`` holds what
             was reached (or None).
         """
-        return solve_finite(self, accepted, keeper) if self.finite else self._solve_small()
+        if self.finite:
+            return solve_finite(self, accepted, keeper)
+        result = self._solve_small()
+        largest = float(result.shear_angles_max.max())
+        if largest > np.deg2rad(SMALL_DEG) and self.network.comm.rank == 0:
+            warnings.warn(beyond_small(largest, "finite=True"), CruciformWarning, stacklevel=2)
+        return result
 
     def motions(self, grips: list[Grip], control: float) -> list:
         """Motions of the gripped edges: (network nodes, gradient, shift), see Ply.prescribed."""

@@ -14,7 +14,7 @@ from .net_kinematics import net_reach
 if TYPE_CHECKING:
     from .result import TestResult
 
-SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
+SMALL_DEG = 5.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 
 
@@ -24,13 +24,18 @@ def warnings(result: TestResult) -> list[str]:
     return _finite(result, largest) if result.experiment.finite else _small(result, largest)
 
 
+def beyond_small(angle: float, cure: str) -> str:
+    """What there is to say of small displacements with a shear angle (rad) beyond SMALL_DEG."""
+    return (
+        f"the shear angle reaches {np.rad2deg(angle):.1f} deg; small displacements hold to some "
+        f"{SMALL_DEG:g} deg ({cure})"
+    )
+
+
 def _small(result: TestResult, largest: float) -> list[str]:
-    fabric, degrees, sentences = result.network.fabric, np.rad2deg(largest), []
-    if degrees > SMALL_DEG:
-        sentences.append(
-            f"the shear angle reaches {degrees:.1f} deg; small displacements hold to some "
-            f"{SMALL_DEG:g} deg (set test.finite = true)"
-        )
+    fabric, sentences = result.network.fabric, []
+    if largest > np.deg2rad(SMALL_DEG):
+        sentences.append(beyond_small(largest, "set test.finite = true"))
     laws = {
         "shear law": fabric.shear_law,
         "warp's law of tension": fabric.warp_law,

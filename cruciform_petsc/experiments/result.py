@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,6 +24,15 @@ if TYPE_CHECKING:
 
 Fields = dict[str, np.ndarray]
 ZONES = ("middle", "side", "clamp")
+# Columns of a curve that tell of an increment how it was found, and its attributes.
+EFFORT = {
+    "asked": "asked",
+    "newton_iterations": "iterations",
+    "residual_N": "residual",
+    "tolerance_N": "tolerance",
+    "cuts": "cuts",
+    "seconds": "seconds",
+}
 
 
 class State:
@@ -87,6 +98,8 @@ class TestResult:
     """Of small displacements."""
     increments: list[Increment] = field(default_factory=list)
     """Of finite deformation: all that were accepted."""
+    state_after: Callable[[int], State] | None = None
+    """Of finite deformation: makes the state after an increment, by its number. Collective."""
     unknowns: int = 0
     solver_types: dict[str, str] = field(default_factory=dict)
     """Of finite deformation: PETSc's types by "snes", "ksp" and "pc"."""
@@ -137,6 +150,22 @@ class TestResult:
     def node_displacement(self) -> np.ndarray:
         """See State."""
         return self.states[-1].node_displacement
+
+    def every_state(self) -> Iterator[State]:
+        """States after all increments, one at a time; else those asked for. Collective."""
+        if self.state_after is None:
+            yield from self.states
+            return
+        known = dict(zip(self._numbers, self.states, strict=True))
+        for number in range(len(self.increments)):
+            yield known.get(number) or self.state_after(number)
+
+    @property
+    def _numbers(self) -> list[int]:
+        """Numbers of the increments that led to the states."""
+        asked = [number for number, step in enumerate(self.increments) if step.asked]
+        ended_early = len(asked) < len(self.states)
+        return asked + ended_early * [len(self.increments) - 1]
 
     def energies(self) -> dict[str, np.ndarray]:
         """Strain energy of each mode for each state, J. Collective."""
@@ -218,12 +247,34 @@ class TestResult:
 
     # -- curves -----------------------------------------------------------------------------------
 
-    def curve(self) -> dict[str, np.ndarray]:
-        """Columns of the test's curve, units in their names. Collective when first asked for."""
-        return dict(self._curve)
+    def curve(self, states: bool = False) -> dict[str, np.ndarray]:
+        """Columns of the test's curve, units in their names. Collective when first asked for.
+
+        Rows are all accepted increments, ``asked`` is 1 where a value was asked for, and further
+        columns tell how equilibrium was found (EFFORT); with ``states`` rows are the result's
+        states, without these columns. At small displacements these are the same rows.
+        """
+        if not self.increments:
+            return self._measured | ({} if states else {"asked": np.ones(len(self.states), int)})
+        curve = curve_of(self.increments)
+        if not states:
+            return curve
+        return {name: curve[name][self._numbers] for name in curve if name not in EFFORT}
+
+    def row(self, state: State) -> dict[str, float | None]:
+        """What a curve tells of a state; None is for not a number. Collective."""
+        if self.experiment.has_zones:
+            self.zones  # noqa: B018  found once, and kept in the copy
+        alone = copy(self)
+        alone.states = [state]
+        values = {name: float(value[0]) for name, value in alone._measure().items()}
+        return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
     @cached_property
-    def _curve(self) -> dict[str, np.ndarray]:
+    def _measured(self) -> dict[str, np.ndarray]:
+        return self._measure()
+
+    def _measure(self) -> dict[str, np.ndarray]:
         control = self.experiment.column
         columns = {control.column: self.controls / control.scale}
         columns.setdefault("load_N", self.loads)
@@ -252,6 +303,16 @@ class TestResult:
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
+
+
+def curve_of(increments: Sequence[Increment]) -> dict[str, np.ndarray]:
+    """Columns of a curve with a row for each increment."""
+    columns = {
+        name: np.array([step.columns[name] for step in increments], float)
+        for name in (increments[0].columns if increments else {})
+    }
+    effort = {name: [getattr(step, key) for step in increments] for name, key in EFFORT.items()}
+    return columns | {name: 1 * np.array(values) for name, values in effort.items()}
 
 
 def _median(comm, values: np.ndarray) -> float:

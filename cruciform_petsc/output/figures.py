@@ -169,20 +169,12 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
 # -- curves -------------------------------------------------------------------------------------
 
 
-def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray]:
-    """Control and load (N) all along the test."""
-    steps = result.increments or result.states
-    control, load = np.array([(step.control, step.load) for step in steps]).T
-    return control, load
-
-
 def _loads(
     result: TestResult, membranes: Sequence[Any], title: str, measured: MeasuredCurve | None
 ) -> Drawn:
     """The load, or what stands for it, against the control."""
     experiment, curve = result.experiment, result.curve()
-    control, load = _path(result)
-    in_newton = LOAD.sized_for(load)
+    in_newton = LOAD.sized_for(curve["load_N"])
     newton = in_newton.scale
     draw = partial(pictures.curves, title=title)
     test = None
@@ -204,8 +196,9 @@ def _loads(
         points["membrane"] = states, np.array([m.load for m in membranes]) / newton
     if test is not None and experiment.unit == "m":
         points["measured"] = test
-    lines = {"network": pictures.from_origin(control / column.scale, load / newton)}
-    marks = None if len(control) == len(states) else (states, result.loads / newton)
+    control = experiment.column.scale * curve[experiment.column.column] / column.scale
+    lines = {"network": pictures.from_origin(control, curve["load_N"] / newton)}
+    marks = None if curve["asked"].all() else (states, result.loads / newton)
     labels = column.axis, in_newton.axis
     name = f"load_against_{column.column.partition('_')[0]}.png"
     drawn: Drawn = {name: partial(draw, lines, labels, points=points, marks=marks)}
@@ -218,16 +211,15 @@ def _loads(
 
 def _energies(result: TestResult, title: str) -> partial[Figure]:
     """Strain energies of the modes all along a finite test."""
+    curve = result.curve()
     names = dict(zip(MODES, MODES, strict=True)) | {"bending": "yarn bending"}
     if not result.experiment.bending:
         del names["bending"]
-    parts = {
-        name: 1e3 * np.array([step.energies[mode] for step in result.increments])
-        for mode, name in names.items()
-    }
-    column, (control, _) = result.experiment.column.sized_for(result.loads), _path(result)
-    labels = column.axis, "strain energy (mJ)"
-    return partial(pictures.stacked, control / column.scale, parts, labels, title)
+    parts = {name: 1e3 * curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    own = result.experiment.column
+    column = own.sized_for(result.loads)
+    control = own.scale * curve[own.column] / column.scale
+    return partial(pictures.stacked, control, parts, (column.axis, "strain energy (mJ)"), title)
 
 
 def _zones(result: TestResult, title: str) -> partial[Figure]:

@@ -97,7 +97,7 @@ def write_report(
     The summary is as it goes into summary.json; pictures are files in the folder, curves among them
     embedded in this order.
     """
-    curve, experiment = result.curve(), result.experiment
+    curve, experiment = result.curve(states=True), result.experiment
     at, captions = last_control(curve), CAPTIONS | experiment.captions
     maps = [directory / name for name in MAPS if name in pictures]
     curves = [directory / name for name in pictures if name not in MAPS]

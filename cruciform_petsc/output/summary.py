@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..experiments.result import EFFORT
 from ..parallel import most
 from ..small.network import MODES
-from .progress import EFFORT
 from .provenance import provenance
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         plain = [float(value) for value in column]
         return plain if case.test.is_curve else plain[-1]
 
-    curve, experiment = result.curve(), result.experiment
+    curve, experiment = result.curve(states=True), result.experiment
     summary: dict[str, Any] = {
         "title": case.title,
         "kind": case.test.kind,
@@ -130,7 +130,6 @@ def increment_rows(increments: Sequence[Increment]) -> list[dict[str, Any]]:
             "control": increment.control,
             "load_n": increment.load,
             "shifted": increment.shifted,
-            "cuts": increment.cuts,
             **{name.lower(): getattr(increment, key) for name, key in EFFORT.items()},
         }
         for increment in increments

@@ -16,6 +16,7 @@ from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
+from cruciform_petsc.experiments.result import EFFORT
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.summary import solver_figures
 
@@ -86,8 +87,8 @@ def test_every_kind(name, finite):
     np.testing.assert_allclose(result.controls, values, rtol=1e-14)
     assert len(result.states) == len(result.loads) == 2
     assert result.load == result.loads[-1]
-    curve = result.curve()
-    assert set(curve) == columns | {column}
+    curve = result.curve(states=True)
+    assert set(curve) == columns | {column} == set(result.curve()) - set(EFFORT)
     assert next(iter(curve)) == column
     assert all(values.shape == (2,) and values.dtype == float for values in curve.values())
     np.testing.assert_allclose(curve[column] * size, values, rtol=1e-14)

@@ -59,7 +59,7 @@ def square():
 def small():
     """Small displacements, with what it is compared with."""
     network = strip(refine=2)
-    return BiasExtension(network, ["0.5 mm", "1 mm"]).solve()
+    return BiasExtension(network, ["0.5 mm", "1 mm"], finite=False).solve()
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +191,7 @@ def test_titles_wider_than_their_panels(finite):
 
 def test_with_and_without_bending(small):
     """In this order, with one colour scale."""
-    without = BiasExtension(small.network, "1 mm", bending=False).solve()
+    without = BiasExtension(small.network, "1 mm", bending=False, finite=False).solve()
     figure = drawn(small, "with_and_without_bending.png", "", without)
     left, right, _ = figure.axes
     assert [left.get_title(), right.get_title()] == ["no yarn bending", "with yarn bending"]
@@ -202,8 +202,8 @@ def test_with_and_without_bending(small):
 
 def test_clamps_of_kinds(small):
     """One bar for half a specimen, none for free ends."""
-    half = BiasExtension(small.network, "1 mm", upper="centre-line").solve()
-    free = OffAxisTension(small.network, "1 mm", ends="free").solve()
+    half = BiasExtension(small.network, "1 mm", upper="centre-line", finite=False).solve()
+    free = OffAxisTension(small.network, "1 mm", ends="free", finite=False).solve()
     for result, clamps in ((half, 1), (free, 0)):
         axes, _ = drawn(result, "yarns.png").axes
         check_yarns(axes, result, result.states[-1], clamps=clamps)
@@ -427,7 +427,7 @@ def test_shear_against_load(small):
 
 def test_centre_line(small):
     """With and without bending and of the membrane; lines stop at the hole."""
-    without = BiasExtension(small.network, "1 mm", bending=False).solve()
+    without = BiasExtension(small.network, "1 mm", bending=False, finite=False).solve()
     axes = drawn(small, "centre_line.png", "", without, [Membrane(1.0)]).axes[0]
     angle = 2.0 * small.network.crossover_position[:, 1]
     for name, line in (
@@ -486,7 +486,7 @@ def test_biaxial():
 def test_cantilever():
     """The load over the deflection, in mN where it is small, with what was measured."""
     network = Network(COMM, Preform.rectangle("20 mm", "60 mm", bias_angle="0 deg"), GLASS)
-    result = Cantilever(network, ["10 mN", "20 mN"]).solve()
+    result = Cantilever(network, ["10 mN", "20 mN"], finite=False).solve()
     axes = drawn(result, "load_against_deflection.png", measured=MEASURED).axes[0]
     curve = result.curve()
     check(axes, "across", [0.0, *curve["tip_across_mm"]], [0.0, 10.0, 20.0])

@@ -341,12 +341,16 @@ def test_two_results_by_hand(tmp_path):
 
 
 def test_all_increments_are_used_between(tmp_path):
-    """A result of one value only, with increments, is its curve and no straight line."""
-    a = results(tmp_path / "a", [4.0], [1.0], extension=[2.0])
-    (a / "increments.csv").write_text("extension_mm,load_N\n0.5,0.25\n1,1\n1.5,2.25\n2,4\n")
-    b = results(tmp_path / "b", [1.0, 4.0], [1.0, 1.0])
-    _, figures, _ = compare(read_side(a), read_side(b))
-    assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
+    """A result of one value only is its curve and no straight line; figures are where asked for."""
+    a, b = tmp_path / "a", results(tmp_path / "b", [1.0, 4.0], [1.0, 1.0])
+    results(a, [4.0], [1.0], extension=[2.0])
+    rows = ["0.5,0.25,0,0.1", "1,1,0,0.1", "1.5,2.25,0,0.2", "2,4,1,0.1"]
+    (a / "curve.csv").write_text("\n".join(["extension_mm,load_N,asked,seconds", *rows]) + "\n")
+    for sides, points in (((a, b), 2), ((a, a), 1)):
+        _, figures, _ = compare(*map(read_side, sides))
+        assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
+        assert figures["load_N"].points == points
+        assert figures.keys() == {"load_N"}
 
 
 def test_what_is_drawn_is_what_is_compared():
