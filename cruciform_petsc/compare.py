@@ -211,8 +211,9 @@ def _table(path: Path) -> dict[str, np.ndarray]:
         values = values.reshape(len(rows), len(header))
     except ValueError:
         raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
-    if not rows or "load_N" not in header:
-        raise InputError(f'"{path}" has no loads')
+    forces = [name for name in header if quantity(name).unit == "N" and name not in EFFORT]
+    if not rows or not forces:
+        raise InputError(f'"{path}" has no forces')
     return dict(zip(header, values.T, strict=True))
 
 
@@ -300,7 +301,8 @@ def compare_command(
             where = f"{axis.log_unit} ({value.points} points)"
             log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
         write_json(comm, folder / "comparison.json", told)
-        usual = [name for name in ("load_N", "shear_centre_deg") if name in lines]
+        forces = [name for name in lines if quantity(name).unit == "N"]
+        usual = [*forces, *(name for name in ("shear_centre_deg",) if name in lines)][:2]
         names = _labels(a, b)
         panels = []
         for column in usual or list(lines)[:2]:

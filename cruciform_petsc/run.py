@@ -192,7 +192,9 @@ class _Run:
                 self.failure = error
         if self.failure.result is None:
             reason = str(self.failure)
-            self.summary |= summarize_nothing(self.comm, case, reason, progress.increments)
+            self.summary |= summarize_nothing(
+                self.comm, case, reason, progress.increments, experiment.forces
+            )
             self._write_summary()
             raise self.failure
         return self.failure.result

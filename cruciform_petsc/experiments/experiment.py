@@ -20,7 +20,7 @@ from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
-from ..quantities import EXTENSION, Quantity
+from ..quantities import EXTENSION, LOAD, Quantity, quantity
 from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
@@ -78,10 +78,10 @@ class Experiment:
     model = "coupled"  # all modes of deformation in one system
     # The curve's column of the control; further columns are declared in each kind's file.
     column: Quantity = EXTENSION
-    # What is told of a state beside shear: columns of the curve that are forces, what the load is
-    # called in the curve, and what the loaded end's movement is called.
-    forces: tuple[str, ...] = ("load_N",)
-    load_name, movement = "load", "extension"
+    # What is told of a state beside shear: columns of the curve that are forces, and what the
+    # loaded end's movement is called.
+    forces: tuple[str, ...] = (LOAD.column,)
+    movement = "extension"
     # What the yarns' picture is coloured by; whether the outline cuts across the yarns.
     colour, cut_across = "shear angle", False
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
@@ -297,8 +297,11 @@ class Experiment:
         reached = "at rest"
         if done:
             name = self.column.column.rpartition("_")[0]
-            control, load = format_si(done[-1].control, self.unit), format_si(done[-1].load, "N")
-            reached = f"at {name} {control}, load {load}"
+            told = [f"{name} {format_si(done[-1].control, self.unit)}"]
+            for column in self.forces:
+                force = format_si(done[-1].columns[column] or 0.0, "N")
+                told.append(f"{quantity(column).short} {force}")
+            reached = f"at {', '.join(told)}"
         where = hint = ""
         if error.place is not None:
             x, y = (format_si(float(value), "m") for value in error.place[:2])

@@ -174,7 +174,7 @@ def _loads(
 ) -> Drawn:
     """The load, or what stands for it, against the control."""
     experiment, curve = result.experiment, result.curve()
-    in_newton = LOAD.sized_for(curve["load_N"])
+    in_newton = LOAD.sized_for([curve[column] for column in experiment.forces])
     newton = in_newton.scale
     draw = partial(pictures.curves, title=title)
     test = None
@@ -190,14 +190,14 @@ def _loads(
             lines[f"measured, {next(iter(lines))}"] = test
         lines = {key: pictures.from_origin(*line) for key, line in lines.items()}
         return {f"{name}.png": partial(draw, lines, (x_label, y_label))}
-    column = experiment.column.sized_for(result.loads)
+    control = experiment.column.scale * curve[experiment.column.column]
+    column = experiment.column.sized_for(control)
     states, points = result.controls / column.scale, {}
     if len(membranes) == len(states):
         points["membrane"] = states, np.array([m.load for m in membranes]) / newton
     if test is not None and experiment.unit == "m":
         points["measured"] = test
-    control = experiment.column.scale * curve[experiment.column.column] / column.scale
-    lines = {"network": pictures.from_origin(control, curve["load_N"] / newton)}
+    lines = {"network": pictures.from_origin(control / column.scale, curve["load_N"] / newton)}
     marks = None if curve["asked"].all() else (states, result.loads / newton)
     labels = column.axis, in_newton.axis
     name = f"load_against_{column.column.partition('_')[0]}.png"
@@ -217,9 +217,10 @@ def _energies(result: TestResult, title: str) -> partial[Figure]:
         del names["bending"]
     parts = {name: 1e3 * curve[f"energy_{mode}_J"] for mode, name in names.items()}
     own = result.experiment.column
-    column = own.sized_for(result.loads)
-    control = own.scale * curve[own.column] / column.scale
-    return partial(pictures.stacked, control, parts, (column.axis, "strain energy (mJ)"), title)
+    control = own.scale * curve[own.column]
+    column = own.sized_for(control)
+    labels = column.axis, "strain energy (mJ)"
+    return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 
 def _zones(result: TestResult, title: str) -> partial[Figure]:
@@ -247,6 +248,7 @@ def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
     lines = {
         label: pictures.from_origin(curve["load_N"] / load.scale, curve[name])
         for label, name in names.items()
+        if np.isfinite(curve[name]).all()  # there may be a hole at the centre
     }
     return partial(pictures.curves, lines, (load.axis, pictures.ANGLE_LABEL), title)
 

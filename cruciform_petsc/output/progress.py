@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from ..experiments.result import curve_of
-from ..quantities import si_text
+from ..quantities import quantity, si_text
 from .tables import write_csv
 
 if TYPE_CHECKING:
@@ -63,12 +63,19 @@ class Progress:
             "%8.2f s    %-22s%s shear %4.1f deg, %2d Newton iterations%s",
             increment.seconds,
             self.experiment.column.text(increment.control),
-            "" if self.experiment.control == "load" else f" load {increment.load:<8.5g} N,",
+            self._forces(increment),
             np.rad2deg(increment.shear_max),
             increment.iterations,
             mended,
         )
         self._write()
+
+    def _forces(self, increment: Increment) -> str:
+        """What they are in the log, where the control is none of them."""
+        if self.experiment.control == "load":
+            return ""
+        forces = ((column, increment.columns[column]) for column in self.experiment.forces)
+        return "".join(f" {quantity(column).short} {force:<8.5g} N," for column, force in forces)
 
     def _done(self) -> float:
         """How much of the way through the values asked for lies behind."""

@@ -123,7 +123,7 @@ def write_report(
             maps=gallery(maps, captions, at, experiment.colour),
             jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             curves=gallery(curves, captions),
-            results=curve_table(curve, experiment.load_name),
+            results=curve_table(curve),
             measured_table=_measured(summary.get("measured", {})),
             continuum=_continuum(summary, curve),
             fabric=fabric(case),
@@ -162,6 +162,7 @@ def _key_figures(
         ("shear angle at the centre point", "shear_centre_deg"),
         ("shear angle, median of the middle zone", "shear_middle_deg"),
         ("largest shear angle (absolute)", "shear_max_deg"),
+        ("shear angle, 99 % of the area (absolute)", "shear_99_deg"),
     ):
         angle = last(summary.get(key, np.nan))
         if np.isfinite(angle):
@@ -204,17 +205,18 @@ def gallery(
     return sorted(pictures, key=lambda picture: picture["basis"] != "100%")
 
 
-def curve_table(curve: Mapping[str, np.ndarray], load_name: str = "load") -> Table:
-    """The curve with its columns' names and units; rounding is told as 0."""
+def curve_table(curve: Mapping[str, np.ndarray]) -> Table:
+    """The curve with its columns' names and units; rounding is told as 0, empty columns not."""
     columns = {}
     total = sum(values for name, values in curve.items() if name.startswith("energy_"))
     for name, values in curve.items():
+        if not np.isfinite(values).any():
+            continue
         known = quantity(name)
         noise = {"J": NOISE * total, "°": NOISE}.get(known.unit, 0.0)
         scale, unit = _unit(name, values)
-        head = load_name if name == "load_N" else known.name
         quiet = np.where(np.abs(values) < noise, 0.0, values)
-        columns[f"{head} ({unit})" if unit else head] = numbers(quiet, scale)
+        columns[f"{known.name} ({unit})" if unit else known.name] = numbers(quiet, scale)
     return Table.of(columns)
 
 
