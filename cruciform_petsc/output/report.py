@@ -18,7 +18,6 @@ import numpy as np
 
 from ..parallel import on_root
 from ..quantities import (
-    Quantity,
     angle_text,
     force_text,
     force_unit,
@@ -130,7 +129,7 @@ def write_report(
             case_tables=_case(case),
             sizes=_sizes(summary),
             times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
-            increments=_increments(summary, experiment.column),
+            increments=_increments(summary, experiment),
             origin=_origin(summary),
         )
         with written_whole(directory / "report.html") as temporary:
@@ -355,15 +354,16 @@ def _sizes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, ("solvers (PETSc)", ", ".join(words))]
 
 
-def _increments(summary: Mapping[str, Any], control: Quantity) -> Table | None:
-    steps = summary.get("increments")
+def _increments(summary: Mapping[str, Any], experiment: Experiment) -> Table | None:
+    steps, control = summary.get("increments"), experiment.column
     if not steps:
         return None
+    forces = {column: [step[column.lower()] for step in steps] for column in experiment.forces}
     columns = {
         f"{control.name} ({control.unit})": numbers(
             [step["control"] for step in steps], 1.0 / control.scale
         ),
-        "load (N)": numbers([step["load_n"] for step in steps]),
+        **{f"{quantity(name).name} (N)": numbers(values) for name, values in forces.items()},
         "Newton iterations": [f"{step['newton_iterations']}" for step in steps],
         "mended": [f"{step['shifted']}" for step in steps],
         "cut": [f"{step.get('cuts', 0)}" for step in steps],

@@ -140,12 +140,12 @@ def test_page_has_the_figures_of_the_summary(report, summary):
     shown = report.values
     energy = sum(values[-1] for values in summary["energy_j"].values())
     expected = [summary[key][-1] for key in ("load_n", "extension_m")]
-    expected += [summary[f"shear_{which}_deg"][-1] for which in ("centre", "middle", "max")]
-    assert shown[:5] == expected
-    assert shown[5] == pytest.approx(energy, rel=1e-14)  # sums in another order
+    expected += [summary[f"shear_{which}_deg"][-1] for which in ("centre", "middle", "max", "99")]
+    assert shown[:6] == expected
+    assert shown[6] == pytest.approx(energy, rel=1e-14)  # sums in another order
     measured = summary["measured"]
     keys = ("rms_relative", "end_relative", "largest_relative")
-    assert shown[6:] == [measured[key] for key in keys]
+    assert shown[7:] == [measured[key] for key in keys]
     text = report.text()
     assert f"{summary['load_n'][0]:.3f}" in text
     most = summary["yarn_tension_max"]
@@ -199,7 +199,7 @@ def test_every_other_kind(tmp_path, kind):
     words = {
         "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
         "biaxial": (
-            "tension warp (N/cm)", "weft force", "work-conjugate load (N)",
+            "tension warp (N/cm)", "weft force", "warp force (N)",
             "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
         ),
         "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
@@ -209,6 +209,7 @@ def test_every_other_kind(tmp_path, kind):
     assert summary["yarn_tension_max"]["at_mm"] is None or kind == "cantilever"
     assert ("To know before use" in text) == bool(summary["warnings"])
     assert kind != "biaxial" or "stretched by up to 12 %" in text
+    assert ("load" in text.lower()) == (kind != "biaxial")
 
 
 def test_pictures_are_two_in_a_row(tmp_path):
