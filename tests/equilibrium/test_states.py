@@ -262,7 +262,7 @@ def test_yarns_may_not_lie_on_each_other_in_space():
 
 def test_space_needs_finite_deformation():
     with pytest.raises(InputError, match="out_of_plane needs finite"):
-        BiasExtension(network(diagonals(4, 6)), "1 mm", out_of_plane=(1e-3, 1e-3))
+        BiasExtension(network(diagonals(4, 6)), "1 mm", finite=False, out_of_plane=(1e-3, 1e-3))
 
 
 def test_what_cannot_be_solved_in_space():

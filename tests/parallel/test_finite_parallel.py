@@ -17,8 +17,8 @@ from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
-from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.experiments.result import EFFORT
+from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import MODES
 from cruciform_petsc.solvers.options import ITERATIVE
