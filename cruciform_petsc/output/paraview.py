@@ -97,11 +97,13 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
         for name, value in first.fields.items()
     }
     rest = State(0.0, 0.0, fields, np.zeros_like(first.node_displacement))
-    curve = result.curve()
-    controls, asked = (np.append(0, curve[name]) for name in (column.column, "asked"))
+    told = [(step.control, step.asked) for step in result.increments]
+    told = told or [(state.control, True) for state in result.states]
+    controls, asked = np.array([(0.0, False), *told]).T
+    controls = controls / column.scale
     ascending = (np.diff(controls) > 0).all()
     time_is = column.column if ascending else "state"
-    notes = {**(notes or {}), "time_is": time_is, "controls": controls, "asked": asked}
+    notes = {**(notes or {}), "time_is": time_is, "controls": controls, "asked": asked.astype(int)}
     times = controls if ascending else np.arange(len(controls), dtype=float)
     steps = (_arrays(network, state) for state in chain([rest], result.every_state()))
     _write_by_rank(network.comm, path, steps, notes, times)
