@@ -103,9 +103,14 @@ def test_quantile_weighted_by_area(fabric):
     assert curve["shear_99_deg"][-1] == pytest.approx(expected, rel=1e-12)
     assert curve["shear_99_deg"][0] < curve["shear_max_deg"][0]
     # A crossover cut by the edge is less than a whole one.
-    half, of_numbers = (quantile(net.comm, angle, 0.5, w) for w in (result.area_weight, None))
-    assert half == pytest.approx(angle[carrying][order][np.searchsorted(share, 0.5)], rel=1e-12)
-    assert half != of_numbers
+    shares = [0.2, 0.35, 0.5, 0.65, 0.8]
+    by_area, by_number = (
+        [quantile(net.comm, angle, s, weight) for s in shares]
+        for weight in (result.area_weight, None)
+    )
+    expected = angle[carrying][order][np.searchsorted(share, shares)]
+    assert by_area == pytest.approx(expected, rel=1e-12)
+    assert by_area != by_number
 
 
 @BOTH

@@ -120,9 +120,7 @@ def test_full_disk_of_one_rank(tmp_path, full):
     if COMM.rank == full % COMM.size:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
     try:
-        with pytest.raises(
-            InputError, match='state-5" cannot be written: File too large; what was'
-        ):
+        with pytest.raises(InputError, match='state-5" cannot be written: File too large; what'):
             solve(case, checkpoint, comm=COMM)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
