@@ -24,7 +24,7 @@ SMALL = {
     "real_specimen": 1.5,
 }
 FINITE = {
-    "biaxial": ("force_warp_n", 750.0),
+    "biaxial": ("force_warp_n", 800.0),
     "cantilever": ("tip_across_mm", 28.919694),
     "finite_bias_extension": ("load_n", 8.568834),
     "off_axis": ("load_n", 2.433820),
