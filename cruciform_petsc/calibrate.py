@@ -23,6 +23,7 @@ from .calibration import (
     predict,
     read_curve,
 )
+from .calibration.curve import columns_of_files
 from .calibration.result import rms
 from .calibration.specimen import KINDS
 from .case.schema import Case
@@ -42,6 +43,7 @@ def calibrate_case(
     hold_out: tuple[Case, str | Path] | None = None,
     also: Sequence[tuple[Case, str | Path]] = (),
     weights: Sequence[float] | None = None,
+    columns: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Identify the shear law of a case's fabric and write the results into a folder. Collective.
 
@@ -65,6 +67,9 @@ def calibrate_case(
         Further specimens of the cloth and their curves that the law is to follow, too.
     weights : sequence of float, optional
         Of the curves, the first one's first; default: all alike.
+    columns : sequence of str
+        Of displacement and force, see calibration.read_curve: one for all files, or one for each,
+        that of the hold-out last.
 
     Returns the summary; raises InputError or SolverError on every rank.
     """
@@ -74,19 +79,27 @@ def calibrate_case(
     if len(weights) != len(fitted):
         raise InputError(f"there are {len(weights)} weights for {len(fitted)} curves")
     # What is wrong with any of the curves is told before the work begins.
-    curves = [on_root(comm, partial(read_curve, path)) for _, path in fitted]
+    paths = [path for _, path in (*fitted, *([hold_out] if hold_out else []))]
+    named = columns_of_files(columns, len(paths))
+    curves = [
+        on_root(comm, partial(read_curve, path, which))
+        for path, which in zip(paths, named, strict=True)
+    ]
     if hold_out is not None:
         held_out_test = _test(hold_out[0], "the hold-out case")
-        held_out = on_root(comm, partial(read_curve, hold_out[1]))
+        held_out = curves.pop()
     fabric = case.fabric()
     log.info("%s", case.title)
     log.info("           %r", fabric)
+    for sentence in case.fabric_table.filled_in():
+        log.info("           %s", sentence)
     log.info("           %r", case.preform())
     specimens = [
-        Specimen(Network(comm, each.preform(), fabric), curve, weight=weight, **test)
+        Specimen(Network(comm, each.preform(), fabric), curve, weight=weight, **test).checked()
         for (each, _), curve, weight, test in zip(fitted, curves, weights, tests, strict=True)
     ]
     crossovers = specimens[0].network.statistics()["crossovers"]
+    curves = [specimen.curve for specimen in specimens]
     d, f = curves[0].displacement, curves[0].force
     log.info("           %d crossovers", crossovers)
     log.info(
@@ -94,6 +107,9 @@ def calibrate_case(
         *(curves[0].rows, len(d), format_si(d[0], "m"), format_si(d[-1], "m")),
         *(format_si(f.min(), "N"), format_si(f.max(), "N")),
     )
+    for specimen in specimens:
+        if question := specimen.unit_question():
+            log.warning("warning       %s", question)
     for (other, path), curve in zip(also, curves[1:], strict=True):
         points = len(curve.force)
         log.info('           beside it %s, %d points of "%s"', other.title, points, path)
@@ -117,6 +133,7 @@ def calibrate_case(
     _log_law(log, found)
     if prediction is not None:
         _log_prediction(log, prediction)
+    log.info("may be used   %s", summary["verdict"])
     log.info("results in    %s, the law for a case file in law.toml", directory)
     return summary
 
@@ -175,3 +192,5 @@ def _log_prediction(log: logging.Logger, prediction: Prediction) -> None:
             *(beyond, len(errors), np.rad2deg(prediction.known_to)),
             rest if beyond < len(errors) else "",
         )
+    for remark in prediction.remarks():
+        log.info("              %s", remark)

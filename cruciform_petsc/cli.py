@@ -11,20 +11,24 @@ import argparse
 import contextlib
 import io
 import logging
+import os
 import re
 import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from functools import partial
 from inspect import cleandoc
+from itertools import pairwise
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from .errors import CruciformError, InputError
+from .errors import CruciformError, InputError, InputWarning, harmless, typed_before
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -39,13 +43,18 @@ _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
+    "--columns": (
+        "TITLE,TITLE",
+        "columns of measured data where units leave a choice, by titles or numbers; once for all "
+        "files, or once for each",
+    ),
     "--also": ("CASE", "a further specimen that the law shall follow, too; may be repeated"),
     "--also-data": ("FILE", "the measured curve of that specimen"),
     "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
-_REPEATED = ("--set", "--also", "--also-data")
+_REPEATED = ("--set", "--columns", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -109,6 +118,7 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
     - Some raise a CruciformError while others wait for them: after a few seconds one prints the
       sentence and aborts all with 2.
     - An interrupt on any rank: a sentence, all aborted with 130 (143 for a SIGTERM).
+    - Too little memory, or another error of PETSc's that can be told: the same, at once.
     - Any other exception on any rank: traceback, all aborted with 1.
 
     ``hint`` tells, on one rank, how to go on after an interrupt.
@@ -122,13 +132,28 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         failure = error
     except KeyboardInterrupt:
         return _interrupted(control, hint)
-    except Exception:
+    except Exception as error:
         if _signals:  # an interrupt on its way through PETSc
             return _interrupted(control, hint)
+        told = _in_words(error)
+        if told:
+            _say(f"on rank {comm.rank}, {told}")
+            return _abort(control, 2)
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
-        print(text, file=sys.stderr, flush=True)
+        print(harmless(text), file=sys.stderr, flush=True)
         return _abort(control, 1)
     return _agree(control, failure)
+
+
+def _in_words(error: Exception) -> object:
+    """What is told of an error that is no fault of the program, though it has not been foreseen."""
+    if isinstance(error, MemoryError):
+        return "there is not enough memory: choose a coarser net or a smaller outline"
+    if type(error).__module__ == "petsc4py.PETSc":
+        from .solvers.failures import in_words
+
+        return in_words(error, "cruciform_")  # type: ignore[arg-type]
+    return None
 
 
 def _interrupted(control: MPI.Intracomm, hint: Callable[[], str]) -> int:
@@ -169,7 +194,9 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
 
 def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
-    print(f"{PROGRAM}: {' '.join(str(failure).split())}", file=sys.stderr, flush=True)
+    problems = failure.args if isinstance(failure, InputError) else [failure]
+    text = "\n  ".join(harmless(" ".join(str(problem).split())) for problem in problems)
+    print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
 
 
 def _abort(control: MPI.Intracomm, code: int) -> int:
@@ -190,8 +217,9 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
     except SystemExit:  # --help and --version; wrong arguments are InputErrors
         return
     args.log = _logger(comm, args)
+    warnings.simplefilter("ignore", InputWarning)  # the log tells
     args.running = running
-    _start_petsc(petsc_options)
+    _start_petsc(comm, petsc_options)
     args.work(comm, args)
 
 
@@ -243,11 +271,11 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         raise InputError(f"{pair} belong together, give both or neither")
     if len(args.also) != len(args.also_data):
         raise InputError("each --also CASE needs an --also-data FILE, in the same order")
-    more: dict[str, Any] = {}
+    more: dict[str, Any] = {"columns": args.columns} if args.columns else {}
     if args.hold_out is not None:
-        more["hold_out"] = (_load(comm, args.hold_out), args.hold_out_data)
+        more["hold_out"] = (_load(comm, args.hold_out, args.set), args.hold_out_data)
     if args.also:
-        cases = [_load(comm, path) for path in args.also]
+        cases = [_load(comm, path, args.set) for path in args.also]
         more["also"] = list(zip(cases, args.also_data, strict=True))
     if args.weights is not None:
         try:
@@ -274,7 +302,7 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log)
+    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -291,9 +319,9 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         text = new_case(args.kind).rstrip()
     else:
         on_root(comm, lambda: write_new_case(args.kind, args.file))
-        text = f'wrote "{args.file}"; try: {PROGRAM} check {args.file}'
+        text = f'wrote "{args.file}"; try: {typed_before()}{PROGRAM} check {args.file}'
     if comm.rank == 0:
-        print(text)
+        print(harmless(text))
 
 
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -341,13 +369,20 @@ def _case_and_folder(comm: MPI.Intracomm, args: argparse.Namespace) -> tuple[Cas
 
     case = _load(comm, args.case, args.set)
     if args.output is not None:
-        output = case.output.model_copy(update={"directory": args.output})
-        case = case.model_copy(update={"output": output})
+        prepare_directory(comm, args.output)
+        told = dict(iter(case.output)) | {"directory": args.output}
+        case = case.model_copy(update={"output": case.output.from_data(told, "output")})
     return case, prepare_directory(comm, case.output.directory)
 
 
-def _start_petsc(options: list[str]) -> None:
-    """Start PETSc with options from the command line."""
+def _start_petsc(comm: MPI.Intracomm, options: list[str]) -> None:
+    """Start PETSc with options from the command line. Collective."""
+    from .parallel import on_root
+
+    words = [*os.environ.get("PETSC_OPTIONS", "").split(), *options]
+    for name, file in pairwise([*words, ""]):
+        if name in ("-options_file", "-options_file_yaml"):
+            on_root(comm, partial(_check_options_file, file))
     started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
     import petsc4py
 
@@ -356,6 +391,18 @@ def _start_petsc(options: list[str]) -> None:
         from petsc4py import PETSc
 
         PETSc.Options().insertString(" ".join(options))  # type: ignore[attr-defined]
+
+
+def _check_options_file(path: str) -> None:
+    """Refuse what PETSc would open on rank 0 only, and fail on the others or not at all."""
+    problem = "" if Path(path).is_file() else "is not there, or is no file"
+    if not problem:
+        try:
+            Path(path).read_text(encoding="utf-8")
+        except (OSError, ValueError) as error:
+            problem = f"cannot be read: {error}"
+    if problem:
+        raise InputError(f'"{path}", the file of PETSc options (-options_file), {problem}')
 
 
 def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -471,10 +518,18 @@ def _parser() -> _Parser:
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=tuple(_WITH_VALUE))
     command(_resume, folder, options=("--set", "--output"))
-    command(_compare, a, b, options=("--output",))
+    command(_compare, a, b, options=("--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser
+
+
+class _Harmless(logging.Formatter):
+    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line."""
+        return harmless(super().format(record)).replace("\n", "\\n")
 
 
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
@@ -482,7 +537,9 @@ def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
-    log.addHandler(logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout))
+    handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
+    handler.setFormatter(_Harmless())
+    log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
     log.setLevel(logging.CRITICAL + 1 if comm.rank else level)

@@ -7,24 +7,25 @@ A run with measured data (``output.measured``) compares its load with them in th
 from __future__ import annotations
 
 import csv
-import json
 import logging
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .calibration.curve import read_curve
-from .errors import InputError
+from .calibration.curve import columns_of_files, read_curve
+from .errors import InputError, cut, harmless
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import EFFORT
 from .output import pictures
-from .output.folder import OF_COMPARISON, explaining, locked
+from .output.folder import OF_COMPARISON, locked
 from .output.tables import write_json
 from .parallel import on_root
 from .quantities import Quantity, displacement, quantity
+from .reading import LARGEST, read_given, read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 # A value this small beside the largest of its curve has no relative difference.
 NOTHING = 1e-9
+_MOST = 1e30  # in a table of ours, whose squares are numbers, too
 
 Line = tuple[np.ndarray, np.ndarray]
 
@@ -161,6 +163,7 @@ class Side:
     kind: str  # of test, or "measured"
     columns: dict[str, np.ndarray]  # of all increments (n,), the control first
     asked: np.ndarray  # which of them have values that were asked for, bool (n,)
+    notes: tuple[str, ...] = ()  # of measured data, see MeasuredCurve
 
     @property
     def is_measured(self) -> bool:
@@ -172,44 +175,43 @@ class Side:
         return loading(self.columns[x], self.columns[y])
 
 
-def read_side(path: str | Path) -> Side:
-    """Read a folder of results, or a CSV file of a measured curve."""
+def read_side(path: str | Path, which: str | None = None) -> Side:
+    """Read a folder of results, or a CSV file of a measured curve; ``which`` see read_curve."""
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError(
             f'"{path}" does not exist, name a folder of results or a CSV file of a measured curve'
         )
-    if not path.is_dir():
-        measured = read_curve(path)
+    if not os.path.isdir(path):
+        measured = read_curve(path, which)
         columns = {"displacement_mm": 1e3 * measured.displacement, "load_N": measured.force}
         every = np.ones(len(measured.force), bool)
-        return Side(str(path), path.name, "measured", columns, every)
-    if not (path / "curve.csv").is_file():
+        return Side(str(path), path.name, "measured", columns, every, measured.notes)
+    if not os.path.exists(path / "curve.csv"):
         raise InputError(
             f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
         )
     columns = _table(path / "curve.csv")
     asked = columns.get("asked", np.ones(1)) > 0
     asked = np.broadcast_to(asked if asked.any() else True, next(iter(columns.values())).shape)
-    try:
-        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
-        title, kind = str(summary["title"]), str(summary["kind"])
-    except (OSError, ValueError, KeyError, TypeError):
-        title, kind = path.name, "unknown"
+    summary = read_json(path / "summary.json", follow=True)
+    title, kind = (
+        harmless(cut(str(summary.get(key, other))))
+        for key, other in (("title", path.name), ("kind", "unknown"))
+    )
     return Side(str(path), title, kind, _with_energy(columns), asked)
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file of ours; an empty field is NaN."""
+    data = read_given(path, "table", "CSV", LARGEST)
     try:
-        with (
-            explaining(f'"{path}" cannot be read'),
-            path.open(newline="", encoding="utf-8") as file,
-        ):
-            header, *rows = list(csv.reader(file))
+        header, *rows = list(csv.reader(data.decode("utf-8-sig").splitlines()))
         values = np.array([[float(cell or "nan") for cell in row] for row in rows], float)
         values = values.reshape(len(rows), len(header))
-    except ValueError:
+        if (np.abs(values) > _MOST).any():
+            raise ValueError
+    except (ValueError, csv.Error):
         raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
     forces = [name for name in header if quantity(name).unit == "N" and name not in EFFORT]
     if not rows or not forces:
@@ -286,15 +288,22 @@ def compare_command(
     b_path: str,
     directory: str | Path,
     log: logging.Logger,
+    columns: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Compare, tell, and write comparison.json and comparison.png into a folder. Collective."""
     for kind in KINDS:
         kind_class(kind)  # declares its columns
-    a, b = on_root(comm, lambda: (read_side(a_path), read_side(b_path)))
+    paths = (a_path, b_path)
+    files = [path for path in paths if not os.path.isdir(path)]
+    named = dict(zip(files, columns_of_files(columns, len(files)), strict=True))
+    a, b = on_root(comm, lambda: [read_side(path, named.get(path)) for path in paths])
     told, figures, lines = compare(a, b)
     with locked(comm, directory, OF_COMPARISON, log) as folder:
         log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
         log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
+        for side in (a, b):
+            for note in side.notes:
+                log.info("   %s: %s", side.path, note)
         log.info("A less B, loads and energies relative to B, angles in degrees:")
         axis = quantity(told["over"])
         for name, value in figures.items():

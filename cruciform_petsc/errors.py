@@ -1,17 +1,68 @@
 # SPDX-License-Identifier: MIT
 """Errors that a user can act on: one sentence each, raised on every rank alike."""
 
-from collections.abc import Iterable
+import os
+import re
+import shlex
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
+
+# What a terminal obeys, or does not show: control characters but for tab and line feed, ends of
+# line of Unicode, changes of the direction of writing, halves of characters (of file names that
+# are not UTF-8).
+_COMMANDS = re.compile(
+    "[\0-\b\v-\x1f\x7f-\x9f\xad\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]"
+)
+
+
+def harmless(text: str) -> str:
+    r"""A text with what a terminal would obey written out.
+
+    >>> harmless("red \x1b[31m")
+    'red \\x1b[31m'
+    """
+    return _COMMANDS.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 class CruciformError(Exception):
     """A problem that is told in one sentence, without a traceback; the program ends with 2."""
 
+    def __str__(self) -> str:
+        """The sentence; what it quotes does nothing to a terminal."""
+        return harmless(super().__str__())
+
 
 class InputError(CruciformError):
-    """Something in the case, the fabric, the outline or the file system is wrong."""
+    """Something in the case, the fabric, the outline or the file system is wrong.
+
+    ``args`` are the problems, if there are several: one sentence each, lines of the message.
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(harmless(" ".join(str(problem).splitlines())) for problem in self.args)
+
+
+class Problems(list[str]):
+    """Sentences about input, gathered so that all of them are told at once."""
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        """Add the problems of an InputError raised inside."""
+        try:
+            yield
+        except InputError as error:
+            self.extend(map(str, error.args))
+
+    def tell(self) -> None:
+        """Raise them, each once, as one InputError if there are any."""
+        if self:
+            raise InputError(*dict.fromkeys(self))
+
+
+class InputWarning(UserWarning):
+    """Something in the fabric, the outline or the test is hardly meant, but can be."""
 
 
 class SolverError(CruciformError):
@@ -21,6 +72,13 @@ class SolverError(CruciformError):
         super().__init__(message)
         self.reason = reason
         self.history = history or []
+
+
+class LibraryError(SolverError):
+    """PETSc, or a library that it calls, gave up for want of memory or the like.
+
+    What was solved may well have a solution, but the solver cannot go on: no smaller step is tried.
+    """
 
 
 class EquilibriumError(SolverError):
@@ -36,8 +94,10 @@ class EquilibriumError(SolverError):
         self.result: Any = None
 
 
-class CruciformWarning(UserWarning):
-    """What should be known before a result is trusted, where no log tells it."""
+def typed_before() -> str:
+    """What stands before commands that a message proposes: "scripts/fenicsx " as it was typed."""
+    by = os.environ.get("CRUCIFORM_PETSC_BY", "")
+    return f"{shlex.quote(by)} " if by else ""
 
 
 def cut(text: str, most: int = 80) -> str:

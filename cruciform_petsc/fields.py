@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -12,10 +13,13 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import core_schema
 
-from .errors import InputError, cut, shown
-from .units import Quantity
+from .errors import InputError, cut, harmless, shown
+from .units import LIMITS, MEASURES, Quantity, format_si
 
-_MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
+_DEEPEST, _MOST_KEYS, _MOST_VALUES = 16, 200, 300_000  # of a case: nesting, of a table, of all
+_MOST_ROWS = 10_000  # of a list
+_LONGEST = 4096  # of a text: the longest path that Linux takes
+_MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
 class _Read:
@@ -35,6 +39,8 @@ class Of(_Read):
 
     unit: str
     """SI, as for `units.parse`."""
+    least: bool = True
+    """Whether what is not zero may not be smaller than anything of its kind is."""
     column: bool = False
     """The unit by itself, as it stands over a column of numbers."""
     many: bool = False
@@ -51,6 +57,8 @@ class Of(_Read):
             return self._one(value, info)
         if not value:
             raise ValueError("is an empty list, give at least one value")
+        if len(value) > _MOST_ROWS:
+            raise ValueError(f"has {len(value)} values, at most {_MOST_ROWS} are possible")
         return [self._one(item, info, f"(value {i + 1}) ") for i, item in enumerate(value)]
 
     def _one(self, value: Any, info: Any, which: str = "") -> Quantity:
@@ -60,6 +68,10 @@ class Of(_Read):
             raise ValueError(f"{which}{error}") from None
         if self.good is not None and not self.good(quantity.si):
             raise ValueError(f'{which}must be {self.wanted}, got "{cut(quantity)}"')
+        least = LIMITS[self.unit][0]
+        if self.least and 0.0 < abs(quantity.si) < least:
+            what = f"{MEASURES[self.unit][0]} is 0 or at least {format_si(least, self.unit)}"
+            raise ValueError(f'{which}= "{cut(quantity)}" is too small, {what}')
         return quantity
 
 
@@ -83,27 +95,72 @@ def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
     return ring
 
 
+def _one_line(title: str) -> str:
+    if harmless(title) != title or "\n" in title:
+        raise ValueError(f"must be one line without control characters, got {shown(title)}")
+    return title
+
+
+def _without_zero(name: str) -> str:
+    if "\0" in name:
+        raise ValueError(f"must be a name without a zero character, got {shown(name)}")
+    return name
+
+
 Quantities = Quantity | list[Quantity]
-Length = Annotated[Quantity, Of("m")]
+Length = Annotated[Quantity, Of("m", least=False)]
 Size = Annotated[Quantity, Of("m", good=lambda size: size > 0.0, wanted="positive")]
 Sides = Annotated[list[Size], Field(min_length=2, max_length=2)]
 Point = Annotated[list[Length], Field(min_length=2, max_length=2)]
-Ring = Annotated[list[Point], Field(min_length=3), AfterValidator(_three_corners)]
-Count = Annotated[int, Field(ge=1)]
-Counts = Annotated[list[Count], Field(min_length=1)]
-Number = Annotated[float, Field(allow_inf_nan=False)]
+Ring = Annotated[
+    list[Point], Field(min_length=3, max_length=_MOST_ROWS), AfterValidator(_three_corners)
+]
+Rings = Annotated[list[Ring], Field(max_length=_MOST_ROWS)]
+Count = Annotated[int, Field(ge=1, le=10**9)]
+Counts = Annotated[list[Count], Field(min_length=1, max_length=100)]
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Pairs = Annotated[list[Pair], Field(min_length=1)]
-Name = Annotated[str, Field(min_length=1)]
+Pairs = Annotated[list[Pair], Field(min_length=1, max_length=_MOST_ROWS)]
+Title = Annotated[str, Field(max_length=500), AfterValidator(_one_line)]
+Name = Annotated[str, Field(min_length=1, max_length=_LONGEST), AfterValidator(_without_zero)]
 
 
-def _plain(value: Any) -> Any:
-    """What a case file could hold of a script's arrays, tuples and NumPy's numbers."""
+def _plain(value: Any, above: str, loc: tuple = (), count: list[int] | None = None) -> Any:
+    """What a case file could hold of a script's arrays, tuples and NumPy's numbers.
+
+    Raises InputError for what is nested deeper, longer or larger than any case needs.
+    """
+    count = count or [0]
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+        value = value.tolist()
+    is_table, problem = isinstance(value, dict), ""
+    if is_table or isinstance(value, list | tuple):
+        count[0] += len(value)
+        if len(loc) > _DEEPEST:
+            problem = f"is nested more than {_DEEPEST} deep"
+        elif is_table and len(value) > _MOST_KEYS:
+            problem = f"has {len(value)} keys, at most {_MOST_KEYS} are possible"
+        elif count[0] > _MOST_VALUES:
+            problem = f"is too long, a case has at most {_MOST_VALUES} values"
+    elif isinstance(value, int) and not -(2**63) <= value < 2**63:
+        problem = "is a whole number of more than 64 bits"
+    elif isinstance(value, str) and len(value) > _LONGEST:
+        problem = f"is a text of {len(value)} characters, at most {_LONGEST} are possible"
+    elif isinstance(value, str) and re.search("[\ud800-\udfff]", value):
+        problem = f"has characters that are not UTF-8, {shown(value)}"
+    if problem:
+        raise InputError(f"{cut(_joined(above, loc)) or 'the case'} {problem}")
+    if is_table:
+        return {key: _plain(entry, above, (*loc, key), count) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry, above, (*loc, i), count) for i, entry in enumerate(value)]
+    return value
+
+
+def _joined(above: str, loc: Sequence[Any]) -> str:
+    """A place in a case as it is written: "test.extension[0]"."""
+    key = above + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
+    return key.removeprefix(".")
 
 
 def si_values(quantities: Quantities) -> list[float]:
@@ -127,17 +184,16 @@ class Table(BaseModel):
         """Check plain data as they stand in a case file, at `key` of it.
 
         ``bare``: numbers without unit are in SI already (scripts may give them, case files not).
-        Raises InputError, one sentence of up to three problems.
+        Raises InputError with all problems, a sentence each.
         """
-        data = _plain(data)
+        data = _plain(data, key)
         try:
             return cls.model_validate(data, context=bare)
         except ValidationError as error:
             sentences = (_sentence(cls, data, key, dict(e)) for e in error.errors())
             problems = list(dict.fromkeys(sentences))
         more = len(problems) - _MOST_PROBLEMS
-        tail = f"; and {more} more" if more > 0 else ""
-        raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail)
+        raise InputError(*problems[:_MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else []))
 
     @classmethod
     def keys(cls) -> list[str]:
@@ -169,8 +225,9 @@ _WORDS = {
     "string_too_short": "must be a name that is not empty, got {got}",
     "bool_type": "must be true or false, got {got}",
     "int_type": "must be a whole number, got {got}",
-    "greater_than_equal": "must be a whole number from 1 up, got {got}",
-    "less_than_equal": "must be at most {le}",
+    "string_too_long": "must be a text of at most {max_length} characters",
+    "greater_than_equal": "must be at least {ge:.12g}, got {got}",
+    "less_than_equal": "must be at most {le:.12g}, got {got}",
     "float_type": "must be a number, got {got}",
     "finite_number": "must be a finite number, got {got}",
     "list_type": "must be a list, got {got}",
@@ -183,8 +240,9 @@ def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) 
     """Turn one of pydantic's errors into plain words that name the key."""
     loc, kind, got = error["loc"], error["type"], shown(error["input"], 60)
     context = error.get("ctx", {})
-    key = above + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
-    key = key.removeprefix(".")
+    key = _joined(above, loc)
+    if kind == "greater_than_equal" and context["ge"] == 1:
+        return f"{key} must be a whole number from 1 up, got {got}"
     if kind in _WORDS:
         return f"{key} {_WORDS[kind].format(got=got, **context)}"
     if kind == "value_error":  # one of ours, which may go on with the key
@@ -194,7 +252,8 @@ def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) 
         return f"{key} must be {context['expected'].replace(chr(39), chr(34))}, got {got}"
     if kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
-        length = f"{limit}" if limit == 2 else f"at least {limit}"  # pairs are exact
+        which = "at least" if kind == "too_short" else "at most"
+        length = f"{limit}" if limit == 2 else f"{which} {limit}"  # pairs are exact
         return f"{key} must be a list of {length}, got {context['actual_length']}"
     if kind == "extra_forbidden":
         table = key.rpartition(".")[0]

@@ -63,13 +63,17 @@ def check_memory(comm: MPI.Intracomm, needed: float, what: str, cure: str) -> No
     node.Free()
     memory = machine_memory()
     over = memory is not None and needed * share > USABLE * memory
-    here = f"{_size(needed * share)} of memory where there are {_size(memory)}" if memory else ""
+    here = (
+        f"{size_text(needed * share)} of memory where there are {size_text(memory)}"
+        if memory
+        else ""
+    )
     told = next((text for text in comm.allgather(here if over else "") if text), "")
     if told:
         raise InputError(f"{what}, which would need about {told}, {cure}")
 
 
-def _size(count: float) -> str:
+def size_text(count: float) -> str:
     """A number of bytes for people."""
     for unit in ("MB", "GB", "TB"):
         count /= 1e6 if unit == "MB" else 1e3

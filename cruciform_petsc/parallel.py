@@ -7,6 +7,8 @@ Only here are arrays sent; elsewhere ranks at most agree on a few numbers (allre
 from __future__ import annotations
 
 import math
+import sys
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -16,6 +18,7 @@ from mpi4py import MPI
 from .errors import CruciformError
 
 T = TypeVar("T")
+_PATIENCE = 5.0  # s, with ranks that fail apart
 _TAG = 20117  # of the messages of all halos: every rank posts them in the same order
 
 
@@ -49,6 +52,23 @@ def on_root(comm: MPI.Intracomm, function: Callable[[], T]) -> T:
     Collective. The result must be picklable.
     """
     return comm.bcast(on_all(comm, lambda: function() if comm.rank == 0 else None))
+
+
+def end_unless_all(comm: MPI.Intracomm, sentence: str) -> None:
+    """Go on if all ranks come here within a few seconds; else print the sentence and end them all.
+
+    For an error that may be this rank's alone, while others wait for it in some other call; a rank
+    without one (no sentence) waits for them. Ranks wait a little longer each, so that one speaks
+    and takes the others with it.
+    """
+    request = comm.Ibarrier()
+    deadline = time.monotonic() + _PATIENCE + min(0.2 * comm.rank, _PATIENCE)
+    while not request.Test():
+        if sentence and time.monotonic() > deadline:
+            sys.stdout.flush()
+            print(f"cruciform-petsc: on rank {comm.rank}, {sentence}", file=sys.stderr, flush=True)
+            comm.Abort(2)
+        time.sleep(0.001)
 
 
 def least(comm: MPI.Intracomm, values, initial=np.inf):

@@ -15,10 +15,13 @@ import numpy as np
 from mpi4py import MPI
 
 from .calibration.curve import MeasuredCurve, read_curve
+from .calibration.specimen import KINDS as SPECIMENS
+from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .errors import CruciformWarning, EquilibriumError, InputError, SolverError
+from .errors import EquilibriumError, InputError, InputWarning, SolverError
+from .estimate import check_work
 from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
@@ -39,15 +42,22 @@ from .parallel import on_root
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
-    _check_comparison(comm, case)
+    measured = _check_comparison(comm, case)
     log.info("%s", case.title)
+    for sentence in check_work(comm, case):
+        log.info("%s%s", INDENT, sentence)
     network, _ = _make_network(comm, case, Stages(log))
     log.info("%s%s, %s", INDENT, case.test.kind, _size(case))
+    for sentence in _remarks(case, network, measured):
+        log.warning("warning       %s", sentence)
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
-    for sentence in case.experiment(network).check():
+    experiment = case.experiment(network)
+    for sentence in experiment.check():
         log.info("%s%s", INDENT, sentence)
+    for sentence in experiment.remarks:
+        log.warning("warning       %s", sentence)
 
 
 def run_case(
@@ -64,7 +74,7 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     with locked(comm, directory, OF_RUN, log), catch_warnings():
-        simplefilter("ignore", CruciformWarning)  # the log and the summary tell it
+        simplefilter("ignore", InputWarning)  # the log and the summary tell it
         return _Run(comm, case, directory, log, checkpoint).run()
 
 
@@ -94,7 +104,20 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
             "output.measured is a force over a displacement, which a biaxial test does not have, "
             "leave it out"
         )
-    return on_root(comm, lambda: read_curve(path))
+    return on_root(comm, lambda: read_curve(path, case.output.measured_columns))
+
+
+def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
+    """What may be meant otherwise in a case, and what was left out of its measured data."""
+    shear = case.fabric_table.shear
+    questions = [None if shear is None else shear.question()]
+    if measured is not None:
+        questions += [f"measured data: {note}" for note in measured.notes]
+        if case.test.kind in SPECIMENS:
+            upper = getattr(case.test, "upper", "grip")
+            specimen = Specimen(network, measured, case.test.kind, upper)
+            questions.append(specimen.unit_question())
+    return [question for question in questions if question]
 
 
 def _make_network(
@@ -103,6 +126,8 @@ def _make_network(
     """The network of a case and its sizes, told on the log. Collective."""
     fabric, preform = case.fabric(), case.preform()
     stages.log.info("%s%r", INDENT, fabric)
+    for sentence in case.fabric_table.filled_in():
+        stages.log.info("%s%s", INDENT, sentence)
     stages.log.info("%s%r", INDENT, preform)
     with stages.stage("network", "network"):
         network = Network(comm, preform, fabric)
@@ -131,10 +156,14 @@ class _Run:
         """All that `run_case` does."""
         case, log = self.case, self.log
         self.measured = _check_comparison(self.comm, case)
+        check_work(self.comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, self.comm.size)
         network, statistics = _make_network(self.comm, case, self.stages)
         experiment = case.experiment(network)
+        self.summary["warnings"] = experiment.remarks
+        for sentence in experiment.remarks:
+            log.warning("warning       %s", sentence)
         result = self._solve(experiment)
         logs.tell_solver(log, result)
         hanging = self.comm.allreduce(result.supports.num_hanging)
@@ -146,8 +175,8 @@ class _Run:
         summary |= summarize(case, result, statistics, hanging)
         if self.checkpoint is not None and self.checkpoint.increments:
             summary["resumed_after_increments"] = len(self.checkpoint.increments)
-        summary["warnings"] = warnings(result)
-        for sentence in summary["warnings"]:
+        for sentence in [*warnings(result), *_remarks(case, network, self.measured)]:
+            summary["warnings"] = [*summary["warnings"], sentence]
             log.warning("warning       %s", sentence)
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)
@@ -234,9 +263,19 @@ class _Run:
         if self.measured is not None:
             compared = against_measured(load_line(result), self.measured)
             self.summary["measured"] = {"file": output.measured, **compared}
+            self._ask_for_unit(compared["measured_n"] / compared["load_n"])
             keys = ("displacement_mm", "measured_n", "load_n")
             columns = {key.replace("_n", "_N"): compared[key] for key in keys}
             self._write_csv("load_and_measured.csv", columns)
+
+    def _ask_for_unit(self, ratios: np.ndarray) -> None:
+        """Ask after loads that are far off those computed, if that was not asked before."""
+        asked = self.summary["warnings"]
+        known = ratios[np.isfinite(ratios)]
+        question = unit_question(float(np.median(known)), "computed") if len(known) else None
+        if question and not any("meant in place of" in sentence for sentence in asked):
+            asked.append(question)
+            self.log.warning("warning       %s", question)
 
     def _write_summary(self) -> None:
         """Add times and memory, and write summary.json."""

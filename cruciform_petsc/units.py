@@ -40,19 +40,26 @@ force_gram = 9.80665e-3 * newton = gf
 force_kilogram = 9.80665 * newton = kgf
 force_pound = 4.4482216152605 * newton = lbf
 dyne = 1e-5 * newton = dyn
+ounce = 28.349523125 * gram = oz
 inch = 2.54e-2 * meter = in = inches
 foot = 0.3048 * meter = ft = feet
+yard = 0.9144 * meter = yd
+gsm = gram / meter ** 2
 degree = 0.017453292519943295 * radian = deg = °
 turn = 6.283185307179586 * radian
 count = []
 end = count
 pick = count
 yarn = count
+thread = count
+epi = count / inch
+ppi = count / inch
 """
 
 # SI unit -> what it measures, an example, the unit that logs use.
 MEASURES = {
     "N/m": ("a force per width", "520 N/cm", "N/cm"),
+    "N/m/rad": ("a shear modulus", "0.96 N/cm", "N/cm"),
     "1/m": ("a number per length", "2.4 /cm", "/cm"),
     "N*m**2": ("a flexural rigidity", "0.6 N mm^2", "N mm^2"),
     "rad": ("an angle", "45 deg", "deg"),
@@ -63,6 +70,22 @@ MEASURES = {
     "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
 }
 
+# Least (but for zero) and most that a number of an SI unit may be. Cloth is far from both; what is
+# beyond is a slip, or would overflow where it is squared.
+LIMITS = {
+    "N/m": (1e-12, 1e12),
+    "N/m/rad": (1e-12, 1e12),
+    "1/m": (1e-6, 1e9),
+    "N*m**2": (1e-24, 1e6),
+    "rad": (0.0, 1e5),
+    "m": (1e-12, 1e9),
+    "N": (1e-15, 1e12),
+    "1": (1e-12, 1e4),
+    "kg/m**2": (1e-9, 1e6),
+    "kg/m**3": (1e-6, 1e6),
+}
+_LONGEST = 100  # characters of a quantity
+
 # Strains are not left to the registry, in which "2 ends" is a plain number as well.
 _STRAINS = {"%": 0.01, "percent": 0.01, "1": 1.0, "m/m": 1.0, "mm/mm": 1.0}
 
@@ -70,6 +93,25 @@ _UNSIGNED = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*([+-]?{_UNSIGNED})(.*)", re.DOTALL)
 # "1/4.8 mm", one yarn per 4.8 mm, and "900 N/5 cm", from a strip of that width.
 _PER_SOME = re.compile(rf"([^/]*)/\s*({_UNSIGNED})\s*([^\W\d][^/]*)")
+
+# A unit: names with powers, one after the other, "N*mm^2/deg" or "gf cm2/cm", perhaps in brackets
+# behind a slash. Nothing else reaches pint, which would work out any power of powers.
+_NAME = r"(?:[^\W\d_]{1,20}|°)(?:\s?\^\s?-?[1-4]|-?[1-4])?"
+_TIMES = r"(?:\s?[*·⋅.-]\s?|\s)"
+_SOME = rf"{_NAME}(?:{_TIMES}{_NAME}){{0,3}}"
+_UNIT = re.compile(rf"(?:1?\s?/\s?)?{_SOME}(?:\s?/\s?(?:{_SOME}|\(\s?{_SOME}\s?\))){{0,3}}")
+_POWERS = str.maketrans("¹²³⁴⁻", "1234-")
+
+
+def _plain(text: str) -> str:
+    """A unit as pint reads it; empty if it is none, "N mm2 per deg" is "N*mm**2/deg"."""
+    text = " ".join(text.split()).replace("**", "^").translate(_POWERS)
+    text = re.sub(r"(?:^|\s)per\s", "/", text)
+    if len(text) > _LONGEST or not _UNIT.fullmatch(text):
+        return ""
+    text = re.sub(rf"(?<=[\w°]){_TIMES}(?=[^\W\d_]|°)", "*", text)
+    text = re.sub(r"(?<=.)\s?\^?\s?(-?[1-4])", r"**\1", text)
+    return f"1{text}" if text.startswith("/") else text
 
 
 class Quantity(str):
@@ -103,10 +145,10 @@ def _factor(text: str, unit: str, example: str) -> float:
         if text not in _STRAINS:
             raise ValueError(f'{another} like "{example}"')
         return _STRAINS[text]
-    registry, problem = _registry(), ""
+    registry, plain = _registry(), _plain(text)
+    problem = "" if plain else f'unreadable unit "{cut(text)}"'
     try:
-        # pint reads "/cm" only with something in front of the slash
-        parsed = registry.parse_units("1" + text if text.startswith("/") else text)
+        parsed = registry.parse_units(plain)
     except pint.UndefinedUnitError as error:
         names = [error.unit_names] if isinstance(error.unit_names, str) else error.unit_names
         problem = f'unknown unit "{cut(", ".join(names))}"'
@@ -115,8 +157,13 @@ def _factor(text: str, unit: str, example: str) -> float:
     if problem:
         raise ValueError(f'has the {problem}, write for example "{example}"')
     wanted = registry.parse_units(unit)
+    if unit == "N/m/rad" and not parsed.is_compatible_with(wanted):
+        wanted = registry.parse_units("N/m")  # per radian goes without saying
     if parsed.dimensionality != wanted.dimensionality:
-        raise ValueError(f'{another} like "{example}"')
+        hint = ""
+        if unit == "N*m**2" and parsed.is_compatible_with("N*m"):  # of KES, gf cm^2/cm
+            hint = "; what is per width of cloth is to be divided by the yarns per width"
+        raise ValueError(f'{another} like "{example}"{hint}')
     return float(registry.Quantity(1.0, parsed).to(wanted).magnitude)
 
 
@@ -138,9 +185,11 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
             raise ValueError(f'is the bare number {shown(value)}, give it a unit like "{example}"')
         if not math.isfinite(number):
             raise ValueError(f"must be finite, got {number}")
-        return number
+        return _bounded(number, unit, f"= {shown(value)}")
     if not isinstance(value, str):
         raise ValueError(f'must be {kind} in quotes like "{example}", got {shown(value)}')
+    if len(value) > _LONGEST:
+        raise ValueError(f'must be {kind} like "{example}", got a text of {len(value)} characters')
     match = _NUMBER.fullmatch(value)
     if match is None:
         problem = f'must be a finite number with a unit like "{example}"'
@@ -161,6 +210,16 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         raise ValueError(f'= "{cut(value)}" {error}') from None
     if not math.isfinite(number):
         raise ValueError(f'must be finite, got "{cut(value)}"')
+    return _bounded(number, unit, f'= "{cut(value)}"')
+
+
+def _bounded(number: float, unit: str, written: str) -> float:
+    """The number, if it is not beyond what anything of its kind is."""
+    most = LIMITS[unit][1]
+    if abs(number) > (1.0 + 1e-5) * most:  # which may have been written with six digits
+        raise ValueError(
+            f"{written} is too large, {MEASURES[unit][0]} is at most {format_si(most, unit)}"
+        )
     return number
 
 

@@ -32,9 +32,12 @@ _HEAD = """# Every key of a case file
 Generated from the schema by `scripts/case_keys.py`; a test fails when this page is stale. A case
 file to begin with, for each kind of test: `cruciform-petsc new KIND FILE`.
 
-A case file is TOML. A quantity is a text of a number and a unit, `"2.4 cm"`; any unit of the right
-dimension will do, the one given here is an example. Numbers without dimension stand bare. Unknown
-keys are refused.
+A case file is TOML of at most 4 MiB. A quantity is a text of a number and a unit, `"2.4 cm"`; any
+unit of the right dimension will do, the one given here is an example. Powers are written `mm^2`,
+`mm**2`, `mm2` or `mm²`, products `N mm`, `N*mm` or `N·mm`, quotients `N/mm` or `gf/(cm deg)`; `gf`,
+`kgf`, `lbf`, `in`, `gsm`, `epi` and `ppi` are known, too. A shear modulus may be per angle
+(`gf/cm/deg`, as KES gives it). Numbers without dimension stand bare. Unknown keys are refused, and
+numbers far beyond those of any cloth.
 """
 
 # What is not one value, in words.
@@ -127,7 +130,7 @@ def kind_of(field: FieldInfo) -> str:
     least = next((limit.ge for limit in limits if hasattr(limit, "ge")), None)
     names = {int: "whole number", str: "text", bool: "`true` or `false`", float: "number"}
     name = names.get(annotation, "table")
-    return name if least is None else f"{name} from {least} up"
+    return name if annotation is not int or least is None else f"{name} from {least} up"
 
 
 def main() -> int:

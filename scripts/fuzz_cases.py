@@ -3,12 +3,14 @@
 
     scripts/fenicsx python3 scripts/fuzz_cases.py [N] [--seed S] [--workers W] [--limit SECONDS]
 
-A third of the files are meant to be good, a third good but for one to three changes (keys taken
-out, put in, swapped, absurd values, numbers larger or smaller by orders of magnitude), a third are
-barely case files: bytes changed, lines mixed, noise. The machine is said to have 0.5 GB, so that no
-network takes long. Each goes through the command line in a worker process, with a time limit. Four
-ends are possible: ok; refused with one sentence; a traceback, a crash or more than a sentence; no
-end within the limit. Exit code 1 if there is any of the last two; such files are kept.
+Three tenths of the files are meant to be good, three good but for one to three changes (keys taken
+out, put in, swapped, absurd values, numbers larger or smaller by orders of magnitude), three are
+barely case files: bytes changed, lines mixed, noise. The last tenth are no files (pipes, devices,
+folders, links), or without measure (nested, long, many, huge). The machine is said to have 0.2 GB,
+so that no network takes long. Each goes through the command line in a worker process, with a time
+limit. Four ends are possible: ok; refused with one sentence; a traceback, a crash, more than a
+sentence, or a file of the user's that has changed; no end within the limit. Exit code 1 if there
+is any of the last two; such files are kept.
 """
 
 from __future__ import annotations
@@ -16,26 +18,39 @@ from __future__ import annotations
 import argparse
 import contextlib
 import faulthandler
+import hashlib
 import io
 import json
 import math
 import multiprocessing
+import os
 import random
 import re
+import socket
+import stat
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 # The parent starts processes and is no rank itself: what needs MPI is imported in the workers.
+from cruciform_petsc.errors import harmless
 from cruciform_petsc.experiments.registry import KINDS
 
-MEMORY = 500_000_000  # bytes
+MEMORY = 200_000_000  # bytes
+SORTS = ("good", "nearly", "garbage", "special")
+# A file's bytes; or what is in its place: one of PLACES, or a name too long for it.
+Payload = bytes | str
+PLACES = (
+    "pipe", "socket", "folder", "sparse", "nothing", "/dev/zero", "/dev/random", "/dev/full", ".",
+    "/proc/self/mem", "/proc/self/pagemap", "/proc/kmsg", "/proc/self/maps", "special",
+)  # fmt: skip
 OK, REFUSED, FAULT, HANG = "ok", "refused", "traceback", "hang"
 
 LENGTHS = ("mm", "cm", "m", "in", "um")
@@ -57,9 +72,11 @@ class Maker:
     def __init__(self, seed: int):
         self.random = random.Random(seed)
 
-    def case(self) -> tuple[str, bytes]:
+    def case(self) -> tuple[str, Payload]:
         """A sort and a file of it."""
-        sort = self.random.choice(("good", "nearly", "garbage"))
+        sort = self.random.choice(3 * SORTS[:3] + SORTS[3:])
+        if sort == "special":
+            return sort, self.special(toml(self.good()))
         data = self.good()
         if sort == "nearly":
             for _ in range(self.random.randint(1, 3)):
@@ -182,6 +199,35 @@ class Maker:
         self.maybe(data, "solver", {"options": {"ksp_type": "cg", "ksp_rtol": 1e-8}})
         self.maybe(data, "output", {"directory": "results/x", "pictures": False})
         return data
+
+    # -- no files, or without measure --------------------------------------------------------------
+
+    def special(self, text: str) -> Payload:
+        """What stands in the place of a file: of which kind, or its bytes."""
+        n = self.random.choice((10, 100, 1_000, 100_000))
+        name, quote = f"k{n}", self.random.choice(("'", '"'))
+        make: tuple[Callable[[], Payload], ...] = (
+            lambda: "x" * self.random.randint(200, 6_000),
+            lambda: f"{name} = {'[' * n}{text}".encode(),
+            lambda: f"{name} = {'{a=' * n}1{'}' * n}\n{text}".encode(),
+            lambda: f"{'.'.join([name] * n)} = 1\n{text}".encode(),
+            lambda: f"{name} = {'9' * n}\n{text}".encode(),
+            lambda: f"title = {quote}{'x' * n}{quote}\n{text}".encode(),
+            lambda: f"{text}\n{'#' * 10 * n}".encode() * self.random.choice((1, 5)),
+            lambda: "".join(f"k{i} = {i}\n" for i in range(3 * n)).encode() + text.encode(),
+            lambda: f"title = {quote}\\u001b[2J{quote}\n{text}".encode(),
+            lambda: text.replace("extension = ", f"extension = [{'1,' * n}]#").encode(),
+            lambda: text.replace(' mm"', f' mm{"^9" * min(n, 1_000)}"').encode(),
+            lambda: text.replace(' deg"', f' {"(" * min(n, 1_000)}deg"').encode(),
+            lambda: text.replace("increments = ", f"increments = {'8' * n}").encode(),
+            lambda: text.replace("refine = ", f"refine = 1{'0' * (n % 97)}").encode(),
+            lambda: text.encode("utf-16"),
+            lambda: b"\xef\xbb\xbf" + text.encode(),
+            lambda: b"\0" * n,
+            lambda: text.encode() + b"\0",
+        )
+        chosen = self.random.choice([*PLACES, *make])
+        return chosen if isinstance(chosen, str) else chosen()
 
     # -- not good ---------------------------------------------------------------------------------
 
@@ -308,46 +354,111 @@ def _value(value: Any) -> str:
     return text.replace("NaN", "nan").replace("Infinity", "inf").replace("\x7f", "")
 
 
+def place(path: Path, payload: Payload) -> Path:
+    """Put a file, or what stands for it, into its place; returns its name."""
+    if path.is_dir() and not path.is_symlink():
+        path.rmdir()
+    path.unlink(missing_ok=True)
+    if isinstance(payload, bytes):
+        path.write_bytes(payload)
+    elif payload == "pipe":
+        os.mkfifo(path)
+    elif payload == "socket":
+        with socket.socket(socket.AF_UNIX) as bound:
+            bound.bind(os.path.relpath(path))  # names of sockets are short
+    elif payload == "folder":
+        path.mkdir()
+    elif payload == "sparse":
+        with path.open("wb") as file:
+            file.truncate(1 << 40)
+    elif payload in PLACES:  # a link, "special" to itself
+        path.symlink_to(path.name if payload == "special" else payload)
+    else:
+        return path.with_name(payload)
+    return path
+
+
+def listing(folder: Path) -> dict[str, tuple]:
+    """What there is in a folder: kinds, sizes, contents or targets."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        look = path.lstat()
+        what = hashlib.sha256(path.read_bytes()).hexdigest() if stat.S_ISREG(look.st_mode) else ""
+        what = os.readlink(path) if path.is_symlink() else what
+        found[str(path)] = look.st_mode, look.st_size, what
+    return found
+
+
+def user(folder: Path) -> Path:
+    """Make what a user has of his own, and go there."""
+    (folder / "thesis").mkdir(parents=True)
+    (folder / "thesis" / "chapter1.tex").write_text("mine")
+    (folder / "curve.csv").write_text("mine")
+    (folder / "checkpoint").mkdir()
+    (folder / "checkpoint" / "weights.bin").write_bytes(b"mine")
+    (folder / "link").symlink_to("thesis")
+    os.chdir(folder)
+    return folder
+
+
+def end_of(arguments: list[str]) -> tuple[str, str]:
+    """What becomes of a command line in this process, and what was said."""
+    from cruciform_petsc.cli import main
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        code = main(arguments)
+    text = said.getvalue()
+    return judged(code, text), text
+
+
+def judged(code: int, text: str) -> str:
+    """An end, by exit code and stderr."""
+    # A sentence, or one for each problem, on lines of their own below the first.
+    first, *more = text.splitlines() or [""]
+    told = first.startswith("cruciform-petsc: ") and all(line.startswith("  ") for line in more)
+    told = told and all(harmless(line) == line for line in text.splitlines())
+    return OK if code == 0 and not text else REFUSED if code == 2 and told else FAULT
+
+
 def work(connection: Connection, folder: str) -> None:
     """Check files as they come; answers (end, what was said)."""
     faulthandler.enable()
     from cruciform_petsc import memory
-    from cruciform_petsc.cli import main
 
     memory.machine_memory = lambda: MEMORY
-    path = Path(folder) / f"case-{multiprocessing.current_process().name}.toml"
+    name = f"{multiprocessing.current_process().name}-{os.getpid()}"
+    own = user(Path(folder) / name)
+    before = listing(own)
     while True:
-        path.write_bytes(connection.recv_bytes())
-        said = io.StringIO()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
-            code = main(["check", str(path), "--quiet"])
-        text = said.getvalue()
-        one_sentence = text.count("\n") == 1 and text.startswith("cruciform-petsc: ")
-        end = OK if code == 0 and not text else REFUSED if code == 2 and one_sentence else FAULT
+        path = place(Path(folder) / f"{name}.toml", connection.recv())
+        end, text = end_of(["check", str(path), "--quiet"])
+        if listing(own) != before:
+            end, text = FAULT, f"files of the user's have changed; {text}"
         connection.send((end, text))
 
 
 class Worker:
     """A process that checks one file at a time, replaced when it crashes or takes too long."""
 
-    def __init__(self, folder: str, limit: float):
-        self.folder, self.limit = folder, limit
+    def __init__(self, folder: str, limit: float, work: Callable[[Connection, str], None] = work):
+        self.folder, self.limit, self.work = folder, limit, work
         self.start()
 
     def start(self) -> None:
         """Start a fresh process."""
         context = multiprocessing.get_context("spawn")
         self.connection, there = context.Pipe()
-        self.process = context.Process(target=work, args=(there, self.folder), daemon=True)
+        self.process = context.Process(target=self.work, args=(there, self.folder), daemon=True)
         self.process.start()
         there.close()
         self.since: float | None = None
-        self.file: tuple[str, bytes] = ("", b"")
+        self.file: tuple[str, Any] = ("", b"")
 
-    def give(self, file: tuple[str, bytes]) -> None:
-        """Hand out a file."""
+    def give(self, file: tuple[str, Any]) -> None:
+        """Hand out a file of a sort."""
         self.file, self.since = file, time.monotonic()
-        self.connection.send_bytes(file[1])
+        self.connection.send(file[1])
 
     def answer(self) -> tuple[str, str] | None:
         """What became of the file, or None if that is not known yet."""
@@ -369,50 +480,61 @@ class Worker:
         return end
 
 
-def main() -> int:
-    """Run as many files as asked for."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("number", nargs="?", type=int, default=2000, metavar="N")
+def options(number: int, limit: float) -> argparse.ArgumentParser:
+    """Options of a script, with its defaults."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("number", nargs="?", type=int, default=number, metavar="N")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=60.0, help="seconds for one file")
+    parser.add_argument("--limit", type=float, default=limit, help="seconds for one file")
     parser.add_argument("--keep", default="fuzz-failures", help="folder of files that failed")
-    args = parser.parse_args()
-    maker, left = Maker(args.seed), args.number
+    return parser
+
+
+def run(
+    args: argparse.Namespace,
+    make: Callable[[], tuple[str, Any]],
+    sorts: Sequence[str],
+    work: Callable[[Connection, str], None],
+) -> int:
+    """Hand out as many files as asked for, and print what became of them; the exit code."""
+    left = args.number
     counts: Counter[tuple[str, str]] = Counter()
-    begin, slowest = time.monotonic(), 0.0
+    begin, slowest = time.monotonic(), dict.fromkeys(sorts, 0.0)
     with tempfile.TemporaryDirectory() as folder:
-        workers = [Worker(folder, args.limit) for _ in range(max(1, args.workers))]
+        workers = [Worker(folder, args.limit, work) for _ in range(max(1, args.workers))]
         while left or any(worker.since is not None for worker in workers):
             for worker in workers:
                 since, file = worker.since, worker.file
                 if since is None and left:
-                    worker.give(maker.case())
+                    worker.give(make())
                     left -= 1
                 elif since is not None:
                     end = worker.answer()
                     if end is not None:
-                        slowest = max(slowest, time.monotonic() - since)
+                        slowest[file[0]] = max(slowest[file[0]], time.monotonic() - since)
                         counts[file[0], end[0]] += 1
                         if end[0] in (FAULT, HANG):
-                            _keep(Path(args.keep), sum(counts.values()), file[1], end)
+                            _keep(Path(args.keep), sum(counts.values()), file, end)
             time.sleep(0.001)
         for worker in workers:
             worker.process.kill()
     ends = (OK, REFUSED, FAULT, HANG)
-    print(f"{'':10}" + "".join(f"{end:>11}" for end in ends))
-    for sort in ("good", "nearly", "garbage"):
-        print(f"{sort:10}" + "".join(f"{counts[sort, end]:11d}" for end in ends))
-    print(f"{args.number} files in {time.monotonic() - begin:.0f} s, slowest {slowest:.1f} s")
+    print(f"{'':10}" + "".join(f"{end:>11}" for end in ends) + "    slowest")
+    for sort in sorts:
+        row = "".join(f"{counts[sort, end]:11d}" for end in ends)
+        print(f"{sort:10}{row}{slowest[sort]:9.1f} s")
+    print(f"{args.number} files in {time.monotonic() - begin:.0f} s")
     return int(any(count and end in (FAULT, HANG) for (_, end), count in counts.items()))
 
 
-def _keep(folder: Path, number: int, file: bytes, end: tuple[str, str]) -> None:
+def _keep(folder: Path, number: int, file: tuple[str, Any], end: tuple[str, str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{end[0]}-{number}.toml"
-    path.write_bytes(file)
+    path = folder / f"{end[0]}-{file[0]}-{number}"
+    path.write_bytes(file[1] if isinstance(file[1], bytes) else repr(file[1]).encode())
     print(f"{end[0]}: {path}\n{end[1][-1500:]}", flush=True)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    args = options(2000, 60.0).parse_args()
+    sys.exit(run(args, Maker(args.seed).case, SORTS, work))

@@ -116,8 +116,9 @@ BAD_INPUT = {
             "--set",
             'preform.outline={polygon=[["0 cm", "5 cm"], ["2 cm", "0 cm"], ["5 cm", "5 cm"]]}',
         ],
-        'test.kind = "bias-extension": preform has no edge "lower" (no straight piece of the '
-        "outline lies at its smallest y, known: upper, outline-1 to outline-3)",
+        '"CASE", line 9: test.kind = "bias-extension": preform has no edge "lower" '
+        "(no straight piece of the outline lies at its smallest y, known: upper, outline-1 to "
+        "outline-3)",
     ),
     "unwritable folder": (
         ["--output", "/proc/no/folder"],
@@ -137,7 +138,38 @@ BAD_INPUT = {
 def test_bad_input(case, name, ranks):
     """One sentence and exit code 2, on any number of ranks."""
     arguments, message = BAD_INPUT[name]
+    message = message.replace("CASE", str(case))
     assert_refused(cruciform_petsc(ranks, "run", case, *arguments), message)
+
+
+def test_every_problem_has_a_line_of_its_own(case):
+    """With the line of the file that it is about; once, however many ranks there are."""
+    case.write_text(SPECIMEN.replace("bias_angle", "bais_angle").replace("1 mm", "1 N"))
+    result = cruciform_petsc(2, "check", case)
+    assert result.returncode == 2
+    _, _, told = result.stderr.partition("cruciform-petsc: ")
+    assert told.splitlines()[:4] == [
+        f'case file "{case}" has 3 problems:',
+        "  line 6: preform.bias_angle is missing",
+        '  line 8: [preform] has the unknown key "bais_angle" (did you mean "bias_angle"?)',
+        '  line 10: test.extension = "1 N" has the unit "N", which is not that of a length like '
+        '"1 mm"',
+    ]
+
+
+def test_commands_in_messages_begin_as_the_user_s(tmp_path, monkeypatch):
+    """scripts/fenicsx as it was typed stands before them, else nothing."""
+    from cruciform_petsc.errors import typed_before
+
+    monkeypatch.setenv("CRUCIFORM_PETSC_BY", "./scripts/fenicsx")
+    result = cruciform_petsc(0, "resume", tmp_path)
+    assert "; start with ./scripts/fenicsx cruciform-petsc run CASE" in result.stderr
+    monkeypatch.setenv("CRUCIFORM_PETSC_BY", "a folder/fenicsx")
+    assert typed_before() == "'a folder/fenicsx' "
+    monkeypatch.delenv("CRUCIFORM_PETSC_BY")
+    assert typed_before() == ""
+    result = cruciform_petsc(0, "new", "biaxial", tmp_path / "case.toml")
+    assert f"; try: cruciform-petsc check {tmp_path}" in result.stdout
 
 
 @pytest.mark.parametrize("ranks", [0, 2])
@@ -272,6 +304,21 @@ def test_calibrate_gets_its_data(tmp_path, case):
         ("0", "curve.csv", str(folder)),
         ("1", "curve.csv", str(folder)),
     ]
+    # --set reaches every case, --columns every file.
+    beside = (
+        "--also",
+        case,
+        "--also-data",
+        "b.csv",
+        "--hold-out",
+        case,
+        "--hold-out-data",
+        "c.csv",
+    )
+    more = ("--set", "preform.refine=3", "--columns", "d [mm],F [N]")
+    result = launch(0, script, "calibrate", case, *given[:4], *beside, *more, *given[4:])
+    assert result.returncode == 0, result.stderr
+    assert "refined 3 3 3 ['d [mm],F [N]']" in result.stdout
     message = "the following arguments are required: --data"
     assert_refused(cruciform_petsc(0, "calibrate", case), message)
     result = cruciform_petsc(0, "calibrate", case, "--data", "curve.csv", "--hold-out", case)
@@ -287,9 +334,12 @@ CALIBRATE = """
 import sys, types
 from petsc4py import PETSc
 
-def calibrate_case(comm, case, data_path, directory, log):
+def calibrate_case(comm, case, data_path, directory, log, **more):
     assert PETSc.Options().getAll()["ksp_type"] == "cg" and directory.is_dir()
     print(f"calibrate {comm.rank} {data_path} {directory}\\n", end="", flush=True)
+    if more:
+        cases = [case, more["also"][0][0], more["hold_out"][0]]
+        print("refined", *(each.preform().refine for each in cases), more["columns"])
 
 module = types.ModuleType("cruciform_petsc.calibrate")
 module.calibrate_case = calibrate_case
@@ -398,6 +448,119 @@ def test_interrupt_in_newton(drive, ranks, method, do, code):
     assert ("Traceback" in result.stderr) == (code == 1)
     said = "ZeroDivisionError: why" if code == 1 else "cruciform-petsc: interrupted"
     assert said in result.stderr
+
+
+NO_MEMORY = """
+from petsc4py import PETSc
+from cruciform_petsc import BiasExtension, Network
+from cruciform_petsc.equilibrium.model import Model
+from cruciform_petsc.small.network import LinearNetwork
+from cruciform_petsc.solvers.yarns import YarnSmoother
+from cruciform_petsc.output.folder import OF_RUN, locked
+from cruciform_petsc import parallel
+whole, calls = {kind}.{method}, []
+parallel._PATIENCE = 1.0
+
+def failing(*arguments, **options):
+    calls.append(0)
+    if len(calls) == {number} and comm.rank == {rank}:
+        raise {error}
+    return whole(*arguments, **options)
+
+{kind}.{method} = failing
+with locked(comm, directory, OF_RUN, log):
+    network = Network(comm, case.preform(refine=6), case.fabric())
+    BiasExtension(network, ["1 mm", "2 mm"], {keys}).solve()
+"""
+MULTIGRID = "options={'pc_type': 'mg', 'ksp_type': 'cg'}"
+
+
+@pytest.mark.parametrize(
+    ("ranks", "kind", "method", "number", "keys"),
+    [
+        (0, "Model", "force", 4, "finite=True"),
+        (2, "Model", "force", 4, "finite=True"),
+        (2, "Model", "stiffness", 1, "finite=True"),
+        (2, "YarnSmoother", "apply", 3, f"finite=True, {MULTIGRID}"),
+        (2, "YarnSmoother", "apply", 3, MULTIGRID),
+        (2, "LinearNetwork", "matrix", 1, ""),
+    ],
+)
+def test_no_memory_on_one_rank(drive, ranks, kind, method, number, keys):
+    """PETSc finds none on the last rank, while the others wait for it: one sentence, all end."""
+    rank, error = max(ranks - 1, 0), "PETSc.Error(55)"
+    fields = {"kind": kind, "method": method, "number": number, "keys": keys}
+    result = drive(ranks, NO_MEMORY.format(**fields, rank=rank, error=error))
+    assert result.returncode == 2, result.stderr
+    (sentence,) = sentences(result)
+    assert "there is not enough memory (PETSc error 55): choose a coarser net" in sentence
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("number", [1, 4])
+def test_no_memory_for_numpy(drive, number):
+    fields = {"kind": "Model", "method": "force", "number": number, "keys": "finite=True"}
+    result = drive(2, NO_MEMORY.format(**fields, rank=1, error="MemoryError"))
+    assert result.returncode == 2, result.stderr
+    assert sentences(result) == [
+        "on rank 1, there is not enough memory: choose a coarser net or a smaller outline"
+    ]
+
+
+# -- PETSc's options -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("how", "ranks"), [("argument", 2), ("environment", 0), ("a folder", 0), ("not text", 2)]
+)
+def test_files_of_petsc_options(case, tmp_path, monkeypatch, how, ranks):
+    """One that PETSc cannot read: a sentence, before PETSc starts."""
+    file, options = tmp_path / "options", ()
+    if how == "a folder":
+        file.mkdir()
+    elif how == "not text":
+        file.write_bytes(b"-ksp_view \xff\xfe")
+    if how == "environment":
+        monkeypatch.setenv("PETSC_OPTIONS", f"-options_file {file}")
+    else:
+        options = ("-options_file", file)
+    result = cruciform_petsc(ranks, "check", case, *options)
+    assert result.returncode == 2
+    (sentence,) = sentences(result)
+    assert sentence.startswith(f'"{file}", the file of PETSc options (-options_file), ')
+    assert "PETSC ERROR" not in result.stderr
+
+
+@pytest.mark.parametrize(("how", "ranks"), [("argument", 2), ("environment", 0), ("file", 0)])
+def test_misspelt_petsc_options(case, tmp_path, monkeypatch, how, ranks):
+    """They are named in the log and in the summary, wherever they came from."""
+    options = ["--set", "output.pictures=false", "--output", tmp_path / "out"]
+    slip = "-cruciform_ksp_rtl 1e-3"
+    if how == "argument":
+        options += slip.split()
+    elif how == "environment":
+        monkeypatch.setenv("PETSC_OPTIONS", slip)
+    else:
+        (tmp_path / "options").write_text(slip)
+        options += ["-options_file", tmp_path / "options"]
+    result = cruciform_petsc(ranks, "run", case, *options)
+    assert result.returncode == 0, result.stderr
+    told = 'option "-cruciform_ksp_rtl" was not used: did you mean "-cruciform_ksp_rtol"?'
+    assert told in result.stdout
+    (warning,) = json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"]
+    assert told in warning
+
+
+@pytest.mark.parametrize(("finite", "ranks"), [("true", 2), ("false", 0)])
+def test_factor_package_that_is_not_there(case, tmp_path, finite, ranks):
+    """Not: no equilibrium, yarn bending may help."""
+    options = ["--set", f"test.finite={finite}", "--output", tmp_path / "out"]
+    slip = ("-cruciform_pc_factor_mat_solver_type", "mump")
+    result = cruciform_petsc(ranks, "run", case, *options, *slip)
+    assert result.returncode == 2
+    (sentence,) = sentences(result)
+    assert "does not have a factorisation that the options -cruciform_... name" in sentence
+    assert "bending" not in sentence
 
 
 def test_collective_loading(tmp_path, case):

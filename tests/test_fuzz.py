@@ -15,11 +15,26 @@ def test_random_cases(tmp_path):
     result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert not (tmp_path / "kept").exists()
-    rows = [line.split() for line in result.stdout.splitlines()[1:4]]
-    assert [row[0] for row in rows] == ["good", "nearly", "garbage"]
+    rows = [line.split() for line in result.stdout.splitlines()[1:5]]
+    assert [row[0] for row in rows] == ["good", "nearly", "garbage", "special"]
     ok, refused = (sum(int(row[i]) for row in rows) for i in (1, 2))
     assert ok + refused == 60
     assert min(ok, refused) > 10
+
+
+def test_random_files(tmp_path):
+    """Measured data, summaries, manifests and checkpoints: the same, and nothing of a user's."""
+    script = SCRIPT.with_name("fuzz_files.py")
+    command = [sys.executable, str(script), "30", "--seed", "8", "--workers", "1"]
+    command += ["--keep", str(tmp_path / "kept")]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert not (tmp_path / "kept").exists()
+    rows = [line.split() for line in result.stdout.splitlines()[1:5]]
+    assert [row[0] for row in rows] == ["data", "summary", "manifest", "checkpoint"]
+    ok, refused = (sum(int(row[i]) for row in rows) for i in (1, 2))
+    assert ok + refused == 30
+    assert min(ok, refused) > 5
 
 
 def test_same_seed_same_files():

@@ -21,7 +21,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.laws import odd_polynomial, sin_powers, table
 from cruciform_petsc.net.lattice import SNAP
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.units import MEASURES, format_si, parse_unit, to_si
+from cruciform_petsc.units import LIMITS, MEASURES, format_si, parse_unit, to_si
 
 UNITS = ("N/m", "1/m", "N*m**2", "rad", "m", "N", "1", "kg/m**2", "kg/m**3")
 
@@ -96,9 +96,10 @@ def test_quantities(value, unit, bare):
 
 
 @fixed
-@given(st.floats(-1e30, 1e30), st.sampled_from(UNITS))
-def test_quantities_go_round(value, unit):
+@given(st.floats(-1.0, 1.0), st.sampled_from(UNITS))
+def test_quantities_go_round(share, unit):
     """What logs write is read as the same, to the six digits that they write."""
+    value = share * LIMITS[unit][1]
     assume(value == 0.0 or abs(value) > 1e-30)
     assert to_si(format_si(value, unit), unit, "key") == pytest.approx(value, rel=1e-5, abs=0)
 

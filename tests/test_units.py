@@ -3,11 +3,12 @@
 
 import math
 import pickle
+import time
 
 import pytest
 
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.units import Quantity, format_si, parse, parse_unit, to_si
+from cruciform_petsc.units import LIMITS, MEASURES, Quantity, format_si, parse, parse_unit, to_si
 
 
 @pytest.mark.parametrize(
@@ -45,6 +46,44 @@ from cruciform_petsc.units import Quantity, format_si, parse, parse_unit, to_si
         ("0.743 kg/m²", "kg/m**2", 0.743),
         ("2.5 g/cm^3", "kg/m**3", 2500.0),
         ("1780 kg/m^3", "kg/m**3", 1780.0),
+        # as machines, spreadsheets and tables of KES write them
+        ("0.6 N mm2", "N*m**2", 0.6e-6),
+        ("0.6 N*mm^2", "N*m**2", 0.6e-6),
+        ("0.6 N·mm2", "N*m**2", 0.6e-6),
+        ("0.6 N-mm2", "N*m**2", 0.6e-6),
+        ("1 gf cm2", "N*m**2", 9.80665e-7),
+        ("2 gf cm/cm", "N", 2 * 9.80665e-3),
+        ("1 lbf", "N", 4.4482216152605),
+        ("3 cN", "N", 0.03),
+        ("3 kN", "N", 3000.0),
+        ("3 kgf", "N", 3 * 9.80665),
+        ("0.5 N/mm^1", "N/m", 500.0),
+        ("1 gf/cm", "N/m", 0.980665),
+        ("1 MPa mm", "N/m", 1000.0),
+        ("1 N/(mm)", "N/m", 1000.0),
+        ("0.5 gf/cm/deg", "N/m/rad", 0.5 * 0.980665 * 180 / math.pi),
+        ("0.5 gf/(cm·deg)", "N/m/rad", 0.5 * 0.980665 * 180 / math.pi),
+        ("0.5 gf/(cm degrees)", "N/m/rad", 0.5 * 0.980665 * 180 / math.pi),
+        ("2 N/mm/rad", "N/m/rad", 2000.0),
+        ("2 N/mm per radian", "N/m/rad", 2000.0),
+        ("2 N/mm", "N/m/rad", 2000.0),
+        ("30 degrees", "rad", math.pi / 6),
+        ("1 degree", "rad", math.pi / 180),
+        ("3 µm", "m", 3e-6),
+        ("3 μm", "m", 3e-6),
+        ("3 um", "m", 3e-6),
+        ("3 in", "m", 0.0762),
+        ("3 inch", "m", 0.0762),
+        ("12 epi", "1/m", 12 / 0.0254),
+        ("12 ppi", "1/m", 12 / 0.0254),
+        ("2.4 per cm", "1/m", 240.0),
+        ("2.4 cm-1", "1/m", 240.0),
+        ("2.4 cm⁻¹", "1/m", 240.0),
+        ("2.4 threads/cm", "1/m", 240.0),
+        ("600 gsm", "kg/m**2", 0.6),
+        ("600 g m-2", "kg/m**2", 0.6),
+        ("600 g/m2", "kg/m**2", 0.6),
+        ("17 oz/yd2", "kg/m**2", 17 * 0.028349523125 / 0.9144**2),
     ],
 )
 def test_accepted(text, unit, si):
@@ -125,6 +164,46 @@ def test_refused(value, unit, message):
     with pytest.raises(InputError) as caught:
         to_si(value, unit, "key")
     assert str(caught.value) == message
+
+
+HARD = [
+    "mm^9^9^9^9", "mm**9**9**9", "mm^(9^9)", "((((mm", "(" * 90 + "mm", "mm^99", "mm^9", "mm²²",
+    "mm^-1^-1", "mm**1e9", "mm*" * 30 + "mm", "mm/" * 15 + "mm", "mm " * 30, "k" * 90 + "m",
+    "9" * 200 + "mm", "mm^0x9", "mm if 9**9**9 else mm", "__import__", "mm;mm", "²", "^2",
+    "1", "()",    "mm" * 100_000, "mm^9" * 100_000,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", HARD)
+def test_hard_units_are_refused_at_once(text):
+    """Nothing that pint would work out for years reaches it."""
+    begin = time.perf_counter()
+    for unit in ("m", "N*m**2", "N/m/rad"):
+        with pytest.raises(ValueError, match="unit|must be"):
+            parse(f"1 {text}", unit)
+        with pytest.raises(ValueError, match="unit"):
+            parse_unit(text, unit)
+    assert time.perf_counter() - begin < 0.5  # the registry, too
+
+
+def test_a_rigidity_per_width_is_not_taken_for_that_of_a_yarn():
+    """KES gives bending in gf cm^2/cm."""
+    with pytest.raises(InputError, match="per width of cloth is to be divided by the yarns per"):
+        to_si("0.1 gf cm^2/cm", "N*m**2", "yarn_bending")
+
+
+@pytest.mark.parametrize("unit", LIMITS)
+def test_limits(unit):
+    """Each quantity up to its most, whether written or bare, and not beyond."""
+    most = LIMITS[unit][1]
+    for sign in (-1, 1):
+        assert to_si(format_si(sign * most, unit), unit, "key") == pytest.approx(sign * most)
+        assert to_si(sign * most, unit, "key", bare=True) == sign * most
+        for value in (f"{sign * 1.01 * most} {unit}", sign * 1.01 * most):
+            if unit == "1" and isinstance(value, str):
+                value = value.replace(" 1", " m/m")
+            with pytest.raises(InputError, match=f"is too large, {MEASURES[unit][0]} is at most"):
+                to_si(value, unit, "key", bare=True)
 
 
 def test_bare_numbers_for_scripts():

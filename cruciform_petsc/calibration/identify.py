@@ -18,23 +18,31 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from ..errors import CruciformError, EquilibriumError, InputError
 from ..laws import Potential, linear, table
 from ..net.network import Network
 from .curve import MeasuredCurve
 from .load_curve import DOUBLED, PLACE, LoadCurve, Loads
-from .result import Assumption, Calibration, Estimate, Prediction, estimate, rms
+from .result import (
+    Assumption,
+    Calibration,
+    Estimate,
+    Prediction,
+    estimate,
+    rms,
+    ruling_index,
+)
 from .rising import Bounds, RisingTable, rising_law, table_angles, value_changes
-from .specimen import Specimen
+from .specimen import Specimen, formula_gap
 
 SMOOTHING = 0.3
+NO_WORSE = 1.001  # times the start's error: a start that is a formula is not quite a table
 LEAST_NOISE = 0.01  # relative; loads are not measured better, however well a curve may fit
 # What ends the iterations: relative changes of the sum and of the parameters, the sum's slope.
 ENDS: dict[str, Any] = {"ftol": 1e-5, "xtol": 1e-10, "gtol": 1e-7, "max_nfev": 40}
@@ -105,8 +113,7 @@ def calibrate_together(
         raise InputError(f"smoothing must be positive and finite, got {smoothing:g}")
     if not specimens:
         raise InputError("calibrate_together needs a specimen")
-    for s in specimens:
-        s.check()
+    specimens = [s.checked() for s in specimens]
     comm = specimens[0].network.comm
     with ExitStack() as stack:
         curves = []
@@ -116,12 +123,26 @@ def calibrate_together(
         try:
             start_from, first = _first_law(curves)
             start = [curve.solve(first) for curve in curves]
-            reached = max(float(part.angles.max()) for part in start)
+            reached = np.concatenate([part.angles for part in start])
             rising = RisingTable(table_angles(angles, reached), first, bounds)
             fit = _Fit(curves, start, rising, smoothing, told)
-            start_loads = fit.loads
+            start_loads, start_error = fit.loads, fit.error
             told(f"start from the {start_from}, RMS {fit.percent}")
-            message, evaluations = fit.minimise(comm)
+            message = fit.minimise()
+            if angles is None and comm.bcast(fit.ruled_by_its_beginning()):
+                # Beside the middle of a strip cloth shears half as much.
+                told("the first point rules: once more, with an angle at half its own")
+                more = table_angles(None, np.append(reached, 0.5 * reached.min()))
+                finer = _Fit(curves, start, RisingTable(more, first, bounds), smoothing, told)
+                with suppress(EquilibriumError):  # which leaves the fit as it is
+                    other = finer.minimise()
+                    finer.evaluations += fit.evaluations
+                    if not finer.worse_than(fit.error):
+                        fit, message = finer, other
+            if angles is None and bounds == (None, None) and fit.worse_than(start_error):
+                told("that is worse than the start: once more, with the start's own angles")
+                with suppress(EquilibriumError):  # which leaves the fit as it is
+                    fit, message = _no_worse(fit, start, first, start_error)
         except EquilibriumError as error:
             raise InputError(
                 "the network of the specimen has no equilibrium with the start for the law "
@@ -136,13 +157,13 @@ def calibrate_together(
             first,
             start_from,
             start_loads,
-            rising.angles,
+            fit.angles,
             fit.values,
             comm.bcast(fit.estimate()),
             comm.bcast(fit.assumptions()),
-            smoothing,
+            fit.smoothing,
             fit.steps,
-            evaluations,
+            fit.evaluations,
             sum(curve.newton_steps for curve in curves),
             time.perf_counter() - begin,
             message,
@@ -167,12 +188,12 @@ def predict(
     InputError or SolverError on every rank: bad data, or no equilibrium at a displacement.
     """
     measured = _curve(displacement, force, "predict")
-    known_to = np.inf
+    known_to, fitted = np.inf, None
     if isinstance(law, Calibration):
+        fitted = law.specimens
         network = Network(network.comm, network.preform, law.fabric)
         known_to, law = law.known_to, law.law
-    specimen = Specimen(network, measured, **test)
-    specimen.check()
+    specimen = Specimen(network, measured, **test).checked()
     curve = LoadCurve(specimen, options)
     try:
         found = curve.solve(law)
@@ -183,7 +204,8 @@ def predict(
         ) from error
     finally:
         curve.destroy()
-    return Prediction(measured, found.loads, found.angles, known_to)
+    gap = None if fitted is None else formula_gap(fitted, specimen)
+    return Prediction(specimen.curve, found.loads, found.angles, known_to, gap)
 
 
 def _curve(displacement: Any, force: Any, user: str) -> MeasuredCurve:
@@ -208,6 +230,20 @@ def _first_law(curves: Sequence[LoadCurve]) -> tuple[str, Potential]:
     return "straight line", linear(modulus * float(ratio.sum() / (ratio**2).sum()))
 
 
+def _no_worse(fit: _Fit, start: list[Loads], first: Potential, error: float) -> tuple[_Fit, str]:
+    """A fit at the start's own angles that follows the data no worse, or the start. Collective."""
+    angles = fit.angles if first.name == "linear" else first.knots[1:]
+    evaluations = fit.evaluations
+    for less in (0.1, 0.01, 0.0):
+        rising, smoothing = RisingTable(angles, first), max(less, 0.01) * fit.smoothing
+        finer = _Fit(fit.curves, start, rising, smoothing, fit.told)
+        message = finer.minimise() if less else finer.stay()
+        finer.evaluations = evaluations = evaluations + finer.evaluations
+        if not finer.worse_than(error):
+            break
+    return finer, message
+
+
 class _Fit:
     """The sum of squares over the parameters z of a rising table, and the last accepted step.
 
@@ -224,7 +260,9 @@ class _Fit:
         smoothing: float,
         told: Callable[[str], None],
     ):
-        self._curves, self.solved, self._rising, self._told = curves, start, rising, told
+        self.curves, self.solved, self._rising, self.told = curves, start, rising, told
+        self.angles, self.smoothing, self.evaluations = rising.angles, smoothing, 0
+        self.comm = curves[0].specimen.network.comm
         specimens = [curve.specimen for curve in curves]
         self.curve = MeasuredCurve.joined([s.curve for s in specimens])
         sizes = [len(s.curve.force) for s in specimens]
@@ -243,6 +281,21 @@ class _Fit:
         """RMS of the relative errors of the last step."""
         return f"{100.0 * rms(self.loads / self.curve.force - 1.0):.2f} %"
 
+    @property
+    def error(self) -> float:
+        """Root of the weighted mean square of the relative errors of the last step."""
+        return float(np.linalg.norm(self._weight * (self.loads / self.curve.force - 1.0)))
+
+    def ruled_by_its_beginning(self) -> bool:
+        """Whether the first point of a strip's curve makes up most of the sum of squares."""
+        first = np.cumsum([0, *(len(part.loads) for part in self.solved[:-1])])
+        strips = [not curve.specimen.is_frame for curve in self.curves]
+        return ruling_index(self.loads / self.curve.force - 1.0) in first[strips]
+
+    def worse_than(self, error: float) -> bool:
+        """Whether the data are followed worse than that; the same on every rank. Collective."""
+        return self.comm.bcast(self.error > NO_WORSE * error)
+
     def _sum_of(self, loads: np.ndarray, values: np.ndarray) -> np.ndarray:
         errors = self._weight * (loads / self.curve.force - 1.0)
         return np.concatenate([errors, self._bends @ np.log(values)])
@@ -251,7 +304,7 @@ class _Fit:
         """What is squared and summed at z; not finite if there is no equilibrium. Collective."""
         values = self._rising.values(z)[0]
         law = table(self._rising.angles, values)
-        pairs = zip(self._curves, self.solved, strict=True)
+        pairs = zip(self.curves, self.solved, strict=True)
         try:
             self._trial = [curve.solve(law, start) for curve, start in pairs]
         except EquilibriumError:
@@ -265,26 +318,35 @@ class _Fit:
         self.z, self.solved, self.steps = z, self._trial, self.steps + 1
         self.values, self._slopes = self._rising.values(z)
         if self.steps:
-            self._told(f"step {self.steps}, RMS {self.percent}")
+            self.told(f"step {self.steps}, RMS {self.percent}")
         changes = partial(value_changes, self._rising.angles, self.values)
-        pairs = zip(self._curves, self.solved, strict=True)
+        pairs = zip(self.curves, self.solved, strict=True)
         rates = np.concatenate([curve.derivatives(at, changes) for curve, at in pairs])
         data = (self._weight / self.curve.force)[:, None] * rates * self.values
         self.relative = np.concatenate([data, self._bends])
         self.by_z = self.relative / self.values @ self._slopes
         return self.by_z
 
-    def minimise(self, comm: MPI.Intracomm) -> tuple[str, int]:
-        """Go to the least sum; returns why it ended, and how many times loads were computed.
+    def stay(self) -> str:
+        """Accept the table to start from; returns why. Collective."""
+        self.residuals(self._rising.start)
+        self.jacobian(self._rising.start)
+        self.evaluations = 1
+        return "the start is kept, no smoother law follows the data as well"
+
+    def minimise(self) -> str:
+        """Go to the least sum; returns why it ended.
 
         Collective. SciPy runs on rank 0 alone, so that no two ranks decide differently, and asks
         all of them for residuals and derivatives. Its method: Branch, Coleman and Li 1999, SIAM J.
         Sci. Comput. 21:1.
         """
+        comm = self.comm
         while comm.rank:
             what, value = comm.bcast(None)
             if what == "ended":
-                return value
+                message, self.evaluations = value
+                return message
             if what == "failed":
                 raise RuntimeError(value)
             getattr(self, what)(value)
@@ -304,7 +366,9 @@ class _Fit:
         except Exception as error:
             comm.bcast(("failed", f"on rank 0: {type(error).__name__}: {error}"))
             raise
-        return comm.bcast(("ended", (_ENDED.get(found.status, _LEAST), found.nfev)))[1]
+        message, self.evaluations = _ENDED.get(found.status, _LEAST), found.nfev
+        comm.bcast(("ended", (message, found.nfev)))
+        return message
 
     def estimate(self) -> Estimate:
         """Errors of the values, relative.
@@ -324,7 +388,7 @@ class _Fit:
         room = self._rising.box - self.z + [[-1e-12], [1e-12]]
         result = {}
         for what in (*DOUBLED, PLACE):
-            pairs = zip(self._curves, self.solved, strict=True)
+            pairs = zip(self.curves, self.solved, strict=True)
             parts = [curve.solve_otherwise(what, at) for curve, at in pairs]
             found = [part for part in parts if part is not None]
             if len(found) == len(parts):

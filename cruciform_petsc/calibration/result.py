@@ -11,12 +11,15 @@ import numpy as np
 
 from ..cloth.fabric import Fabric
 from ..laws import Potential, table
+from ..quantities import force_text, si_text
 from .curve import MeasuredCurve
 from .load_curve import PLACE
-from .specimen import Specimen
+from .specimen import FormulaGap, Specimen
 
 LARGEST_ERROR = 0.2  # relative; a value whose standard error is larger counts as not determined
 POOR_FIT = 0.1  # RMS of the relative error that a remark is made on
+RULING = 0.5  # share of the sum of squares of one point that is told
+GOOD_POINT = 0.02  # relative error of a point that rules nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +40,46 @@ class Comparison:
         """Root of the mean square of the relative errors."""
         return rms(self.residuals)
 
+    def ruling_point(self) -> str | None:
+        """Name a point that makes up most of the sum of squares, if there is one."""
+        k = ruling_index(self.residuals)
+        if k is None:
+            return None
+        squares = self.residuals**2
+        d, f = self.curve.displacement[k], self.curve.force[k]
+        beside = f"(network {force_text(self.loads[k])})"
+        return (
+            f"The point at {si_text(d, 'm')}, {force_text(f)} {beside}, "
+            f"makes up {100 * squares[k] / squares.sum():.0f} % of the sum of squares; the RMS of "
+            f"the others is {100 * rms(np.delete(self.residuals, k)):.2f} %."
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction(Comparison):
     """Loads foretold for a specimen that the law was not identified on."""
 
     known_to: float  # shear angle from which on the law is extrapolated, rad
+    gap: FormulaGap | None = None  # of the closed formula, between the two data sets
+
+    def remarks(self) -> list[str]:
+        """Say in sentences what speaks for or against the law, and what for or against the data."""
+        texts = list(self.curve.notes)
+        if point := self.ruling_point():
+            texts.append(point)
+        if self.gap is None:
+            return [*texts, "There is no closed formula to compare the two data sets by."]
+        low, high = np.rad2deg([self.gap.low, self.gap.high])
+        apart = f"{100 * self.gap.rms:.0f} % (mean {100 * self.gap.mean:+.0f} %)"
+        where = f"from {low:.1f} to {high:.1f} deg"
+        if self.gap.rms > POOR_FIT:
+            text = (
+                f"The closed formula itself, without a network, gives laws that differ by {apart} "
+                f"{where}: the two data sets disagree, and no law follows both."
+            )
+        else:
+            text = f"By the closed formula the two data sets agree to {apart} {where}."
+        return [*texts, text]
 
     @property
     def extrapolated(self) -> np.ndarray:
@@ -187,12 +224,49 @@ class Calibration(Comparison):
             ranges.append((low, knots[k + 2]))
         return ranges
 
+    def usable_ranges(self) -> list[tuple[float, float]]:
+        """Ranges of angles, rad, that may be used: determined, and by the data, not assumptions."""
+        low, ranges = float(self.reached.min()), []
+        bad = self.ranges(~self.determined | self.dependent)
+        for start, end in [*bad, (self.known_to, np.inf)]:
+            if start > low:
+                ranges.append((low, min(start, self.known_to)))
+            low = max(low, end)
+        return ranges
+
+    def verdict(self, prediction: Prediction | None = None) -> str:
+        """In one line, what of the law may be used."""
+        usable = ", ".join(
+            f"{low:.1f} to {high:.1f} deg" for low, high in np.rad2deg(self.usable_ranges())
+        )
+        percent = f"{100 * LARGEST_ERROR:.0f} %"
+        if self.rms > POOR_FIT:
+            text = (
+                f"none of the law: the network does not follow the curve ({100 * self.rms:.0f} %)"
+            )
+        elif usable:
+            text = f"the law from {usable} (standard error and what was assumed: below {percent})"
+        else:
+            text = f"none of the law: no part is known to {percent}"
+        error = float("nan") if prediction is None else prediction.rms_known
+        if error > POOR_FIT:
+            text += f"; it does not foretell the second specimen (RMS {100 * error:.0f} %)"
+        return text
+
     def remarks(self) -> list[str]:
-        """Say in sentences what the data do not tell."""
+        """Say in sentences what was left out, and what the data do not tell."""
         first, last = np.rad2deg([self.reached.min(), self.reached.max()])
+        texts = list(self.curve.notes)
+        if self.rms > self.start_rms * 1.001:
+            texts.append(
+                f"The fit follows the curve worse than its start ({100 * self.rms:.2f} for "
+                f"{100 * self.start_rms:.2f} % RMS)."
+            )
+        if point := self.ruling_point():
+            texts.append(point)
         *gaps, (beyond, _) = np.rad2deg(self.uncertain_ranges())
         percent = f"{100 * LARGEST_ERROR:.0f} %"
-        texts = [
+        texts += [
             f"The specimen sheared by up to {first:.1f} deg at its first point and {last:.1f} deg "
             "at its last: before, the law is a curve from zero; past that it is extrapolated along "
             "its last slope."
@@ -223,6 +297,13 @@ class Calibration(Comparison):
                     f"{value:.0f} %: the law holds together with {fixed}."
                 )
         return texts
+
+
+def ruling_index(residuals: np.ndarray) -> int | None:
+    """Which of the relative errors (n,) makes up most of their sum of squares, if one does."""
+    squares = residuals**2
+    k = int(squares.argmax())
+    return None if squares[k] < max(RULING * squares.sum(), GOOD_POINT**2) else k
 
 
 def rms(values: np.ndarray) -> float:

@@ -12,6 +12,8 @@ from ..laws import Potential, table
 
 # Angles of the table, degrees: close where friction makes the first rise, then six degrees apart.
 LADDER = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, *np.arange(28.0, 89.0, 6.0))
+# A first point as much below the ladder has a knot of its own; such knots are APART.
+CLOSE, APART = 1.25, 2.0
 # A law may not fall, and must rise at least by this part of its mean slope, for a stable cloth.
 LEAST_SLOPE = 0.02
 
@@ -105,14 +107,21 @@ def value_changes(angles: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.
     return np.array(result)
 
 
-def table_angles(angles: Any, reached: float) -> np.ndarray:
-    """Check the angles given for a table; or make a ladder up to the angle reached, rad."""
+def table_angles(angles: Any, reached: np.ndarray) -> np.ndarray:
+    """Check the angles given for a table; or make a ladder for the angles reached (n,), rad.
+
+    It begins where the data do: between zero and its first knot a table is a curve of its own.
+    """
     if angles is None:
-        degrees = np.rad2deg(reached)
-        last = max(np.ceil(degrees - 1e-6), 1.0)
+        degrees = np.rad2deg(np.sort(reached))
+        last = max(np.ceil(degrees[-1] - 1e-6), 1.0)
         inner = [rung for rung in LADDER if rung <= last - 2.0]
-        ladder = [*inner, last] if inner else last * np.array([0.25, 0.5, 1.0])
-        return np.minimum(np.deg2rad(ladder), np.deg2rad(89.0))
+        ladder = [*inner, last] if inner else list(last * np.array([0.25, 0.5, 1.0]))
+        first: list[float] = []
+        for angle in degrees[degrees < ladder[0] / CLOSE]:
+            if not first or angle > APART * first[-1]:
+                first.append(float(angle))
+        return np.minimum(np.deg2rad([*first, *ladder]), np.deg2rad(89.0))
     result = np.array(angles, float)
     good = result.ndim == 1 and len(result) >= 2
     # NaN is not.

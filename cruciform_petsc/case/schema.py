@@ -9,9 +9,7 @@ is built from them.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,74 +17,20 @@ from pydantic import Field, PlainValidator, model_validator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
-from ..errors import InputError, shown
+from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable, small_unless_told
-from ..fields import Counts, Name, OneOf, Size, Table
+from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..parallel import on_root
+from ..reading import parse_toml, read_toml
+from ..solvers.settings import check_settings
+from .lines import with_lines
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..net.network import Network
-
-# What a case file may set of PETSc: parts of a solver, then a setting. Files come from elsewhere,
-# and PETSc would load code (pc_python_type, lists of types) or write files (viewers, matrix dumps,
-# MUMPS' streams and out-of-core files) if it were told to. What is not named here is for the
-# command line, which is its owner's own affair.
-_PETSC_PART = r"(?:mg_(?:levels|coarse|fine|yarn)_(?:\d+_)?|sub_|npc_|esteig_)*"
-_PETSC_TOLD = r"ksp_view|(?:ksp|snes)_(?:monitor|converged_reason)|ksp_monitor_true_residual"
-_PETSC_SETTING = "|".join(
-    (
-        r"(?:ksp|pc|snes)_type",
-        r"(?:ksp|snes)_(?:rtol|atol|divtol|stol|max_it|max_funcs|error_if_not_converged)",
-        r"ksp_(?:norm_type|pc_side|gmres_restart|richardson_scale)",
-        r"ksp_chebyshev_(?:kind|eigenvalues|esteig|esteig_steps|esteig_noisy)",
-        r"snes_linesearch_(?:type|damping|max_it|maxstep|minlambda|order|rtol|atol|ltol)",
-        r"pc_mg_(?:type|cycle_type|levels|galerkin|multiplicative_cycles|distinct_smoothup)",
-        r"pc_gamg_(?:type|agg_nsmooths|threshold|threshold_scale|coarse_eq_limit|repartition"
-        r"|process_eq_limit|aggressive_coarsening|square_graph|reuse_interpolation|esteig_ksp_max_it)",
-        r"pc_hypre_type",
-        r"pc_hypre_boomeramg_(?:cycle_type|max_levels|max_iter|tol|strong_threshold|interp_type"
-        r"|coarsen_type|agg_nl|numfunctions|nodal_coarsen|vec_interp_variant|relax_type_all|P_max"
-        r"|grid_sweeps_all|truncfactor)",
-        r"pc_factor_(?:levels|fill|shift_type|shift_amount|mat_solver_type|mat_ordering_type"
-        r"|drop_tolerance|in_place|zeropivot)",
-        r"pc_(?:sor_(?:omega|its|lits|symmetric)|jacobi_type|bjacobi_blocks|asm_overlap|asm_type)",
-        # Not 1 to 3 (streams) and 22 (out of core).
-        r"mat_mumps_(?:cntl_\d+|icntl_(?!(?:1|2|3|22)$)\d+)",
-        r"mg_yarn_sweeps",
-    )
-)
-
-
-def _petsc_options(value: Any) -> Any:
-    """Accept settings of PETSc's solvers, without the leading dash and with plain values."""
-    if not isinstance(value, dict):
-        raise ValueError('must be a table like { ksp_type = "cg" }')
-    for name, setting in value.items():
-        if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-            raise ValueError(f'has the option "{name}", write it like "ksp_type", without a dash')
-        wanted = ""
-        if not isinstance(setting, str | int | float):
-            wanted = "a string, a number or true/false"
-        elif re.fullmatch(_PETSC_PART + f"(?:{_PETSC_TOLD})", name, re.ASCII):
-            wanted = "" if isinstance(setting, bool) else "true or false"
-        elif not re.fullmatch(_PETSC_PART + f"(?:{_PETSC_SETTING})", name, re.ASCII):
-            raise ValueError(
-                f'has the option "{name}", which a case file may not set: it is none, or could '
-                f"run code or write files. Whoever runs it can give -cruciform_{name} on the "
-                "command line"
-            )
-        elif isinstance(setting, str) and (
-            not re.fullmatch(r"[\w.,+-]*", setting, re.ASCII)
-            or re.search("python|shell", setting, re.IGNORECASE)
-        ):
-            wanted = "a number or one of PETSc's words that run no code"
-        if wanted:
-            raise ValueError(f'"{name}" must be {wanted}, got {shown(setting)}')
-    return value
 
 
 class ContinuumTable(Table):
@@ -111,11 +55,12 @@ class ContinuumTable(Table):
 class SolverTable(Table):
     """[solver]: PETSc options, put under the solver's prefix."""
 
-    options: Annotated[dict[str, str | int | float | bool], PlainValidator(_petsc_options)] = Field(
+    options: Annotated[dict[str, str | int | float | bool], PlainValidator(check_settings)] = Field(
         default={}
     )
-    """PETSc options of the network's solver. Without dash and prefix. Settings of solvers only:
-    nothing that could run code or write files. Example: `{ ksp_type = "cg", ksp_rtol = 1e-09 }`"""
+    """PETSc options of the network's solver. Without dash and prefix. Settings of solvers only, in
+    bounds: nothing that could run code, write files or work without end.
+    Example: `{ ksp_type = "cg", ksp_rtol = 1e-09 }`"""
 
 
 class OutputTable(Table):
@@ -136,6 +81,9 @@ class OutputTable(Table):
     measured: Name | None = None
     """CSV file of a measured displacement and force to compare the load with; in a case file,
     relative to its folder. Example: `"measured.csv"`"""
+    measured_columns: Name | None = None
+    """Titles of its two columns, or their numbers, where units leave a choice.
+    Example: `"Extension (mm),Load (N)"`"""
 
     @property
     def wants_report(self) -> bool:
@@ -146,7 +94,7 @@ class OutputTable(Table):
 class Case(Table):
     """A whole case file, checked; what its tables describe comes from `fabric` and `preform`."""
 
-    title: str = "untitled"
+    title: Title = "untitled"
     """What the case is; heads log and figures."""
     fabric_table: FabricTable = Field(alias="fabric")
     """The cloth."""
@@ -176,18 +124,28 @@ class Case(Table):
 
         ``overrides`` are like "preform.refine=4", with a value in TOML, or a bare text. Raises
         InputError for anything wrong with the file, its keys and values, the fabric, the outline,
-        or the edges the test needs.
+        or the edges the test needs: all problems at once, with their lines in the file.
         """
-        data = _read(Path(path))
+        data = read_toml(path, "case file")
         match data:
             case {"output": {"measured": str(measured)}} if measured:
                 # As a path that a resumed run, or one in another folder, still finds.
                 data["output"]["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:
             _apply(data, override)
-        case = cls.from_data(data)
-        case.check_together()
-        return case
+        problems = Problems()
+        with problems.caught():
+            case = cls.from_data(data)
+            case.check_together()
+            return case
+        if {"fabric", "preform"} <= data.keys():
+            with problems.caught():  # what only building tells, whatever else is wrong
+                FabricTable.from_data(data["fabric"], "fabric").build("")
+            with problems.caught():
+                PreformTable.from_data(data["preform"], "preform").build()
+        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+        others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
+        raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
     @classmethod
     def load_collective(
@@ -232,42 +190,35 @@ class Case(Table):
 
     def check_together(self) -> None:
         """Check what no single table can know."""
-        fabric, preform = self.fabric(), self.preform()
-        preform.check_size(fabric)
-        for edge in ("lower", "upper"):  # without a clamp the body would float
+        problems = Problems()
+        for key in ("finite", "bending") if self.continuum.second_gradient else ():
+            if not getattr(self.test, key):
+                problems.append(f"continuum.second_gradient = true needs test.{key} = true")
+        if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
+            problems.append(
+                "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
+                f"got {self.preform_table.yarns_per_cruciform}"
+            )
+        size, fabric, preform = self.continuum.mesh_size, None, None
+        with problems.caught():
+            fabric = self.fabric()
+        with problems.caught():
+            preform = self.preform()
+        if preform and size is not None and size.si > preform.size.min():
+            problems.append(
+                f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
+            )
+        for edge in ("lower", "upper") if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)
             except InputError as error:
-                raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
-        self.test.check(preform, fabric)
-        for key in ("finite", "bending") if self.continuum.second_gradient else ():
-            if not getattr(self.test, key):
-                raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
-        if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
-            raise InputError(
-                "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
-                f"got {preform.yarns_per_cruciform}"
-            )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """Read TOML; every way this can fail is one sentence."""
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        near = [other.name for other in path.parent.glob("*.toml")]
-        close = get_close_matches(path.name, near, 1)
-        problem = "does not exist"
-        problem += f', did you mean "{path.parent / close[0]}"?' if close else ""
-    except IsADirectoryError:
-        problem = "is a folder, name a TOML file in it"
-    except OSError as error:
-        problem = f"cannot be read: {error.strerror}"
-    except UnicodeDecodeError as error:
-        problem = f"is not UTF-8 text (byte {error.start + 1}), save it as UTF-8"
-    except ValueError as error:  # TOML errors, and a null byte in the path
-        problem = f"is not TOML: {error}"
-    raise InputError(f'case file "{path}" {problem}')
+                problems.append(f'test.kind = "{self.test.kind}": {error}')
+        if preform and fabric:
+            with problems.caught():
+                preform.check_size(fabric)
+            with problems.caught():
+                self.test.check(preform, fabric)
+        problems.tell()
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
@@ -277,9 +228,9 @@ def _apply(data: dict[str, Any], override: str) -> None:
     if not equals or not all(re.fullmatch(r"[\w-]+", key) for key in keys):
         raise InputError(f'--set "{override}" is not of the form preform.refine=4')
     try:
-        value = tomllib.loads(f"value = {text}")
+        value = parse_toml(f"value = {text}")
         setting = value["value"] if len(value) == 1 else text
-    except tomllib.TOMLDecodeError:
+    except ValueError:
         setting = text.strip()
     table: Any = data
     for i, key in enumerate(keys[:-1], 1):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -24,18 +24,21 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from ..errors import InputError, unknown
+from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import Quantity, format_si
+from ..units import LIMITS, Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
+# What the second column of a table of shear may be.
+TORQUE, SHEAR_FORCE = "torque per area", "shear force per length"
+DIFFERENCE = 0.05  # between the two, from which on it matters which one is meant
 # Keys that a law of shear takes.
 _SHEAR_LAWS = {
     None: ("modulus",),
-    "table": ("angle", "force", "points"),
+    "table": ("angle", "force", "points", "quantity"),
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
@@ -104,29 +107,40 @@ class Fabric:
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
-        _check_slope("shear", self.shear_law, self.shear_modulus, "shear_modulus")
+        problems = Problems()
+        problems += _slope("shear", self.shear_law, self.shear_modulus, "shear_modulus")
         for side, law in (("warp", self.warp_law), ("weft", self.weft_law)):
             family = getattr(self, side)
-            _check_slope(f"{side}.tension", law, family.modulus, f"{side}.modulus")
+            problems += _slope(f"{side}.tension", law, family.modulus, f"{side}.modulus")
             if law is not None and family.poisson != 0.0:
-                raise InputError(
+                problems.append(
                     f"fabric.{side}.tension is a law, which needs fabric.{side}.poisson = 0, "
                     f"got {family.poisson:g}"
                 )
-            _check(f"{side}.modulus", family.modulus, "N/m")
-            _check(f"{side}.poisson", family.poisson, wanted="finite")
-            _check(f"{side}.yarns", family.yarns, "1/m")
+            if law is None:
+                problems += _number(f"{side}.modulus", family.modulus, "N/m")
+            problems += _number(f"{side}.poisson", family.poisson, wanted="finite")
+            problems += _number(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
-            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
-        _check("shear.modulus", self.shear_modulus, "N/m")
-        _check("tension.compression", self.compression, wanted="above 0 and at most 1")
-        _check("tension.compression_width", self.compression_width)
+            problems += _number(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
+        if math.inf > self.shear.last_point > 0.5 * math.pi * (1.0 + 1e-9):
+            last = self.shear.last_point
+            problems.append(
+                f"fabric.shear_law has points up to {last:g} rad, is {last:g} deg meant?"
+            )
+        if self.shear_law is None:
+            problems += _number("shear.modulus", self.shear_modulus, "N/m")
+        problems += _number("tension.compression", self.compression, wanted="above 0 and at most 1")
+        problems += _number("tension.compression_width", self.compression_width)
+        for key in ("compression", "compression_width"):
+            problems += _size(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
-                _check(name, getattr(self, name), unit)
+                problems += _number(name, getattr(self, name), unit)
+        problems.tell()
         fraction = self.fibre_volume_fraction
         if self.thickness is not None and fraction is not None and fraction > 1.0:
-            raise InputError(
+            problems.append(
                 "fabric.areal_density over fabric.fibre_density is a layer of "
                 f"{format_si(fraction * self.thickness, 'm')} without any gaps, which is more "
                 f"than fabric.thickness = {format_si(self.thickness, 'm')}"
@@ -135,7 +149,7 @@ class Fabric:
         # Compliance [1] has an energy only if it is symmetric.
         left, right = nu_e * self.warp.modulus, nu_w * self.weft.modulus
         if not math.isclose(left, right, rel_tol=_RECIPROCITY):
-            raise InputError(
+            problems.append(
                 f"fabric.weft.poisson = {nu_e:g} breaks reciprocity (nu_weft E_warp must equal "
                 "nu_warp E_weft), with the other values it would have to be "
                 f"{right / self.warp.modulus:.9g}"
@@ -143,10 +157,11 @@ class Fabric:
         # With reciprocity the product is a square times E_e/E_w: negative ratios (a cloth that
         # widens when pulled) are as admissible as positive ones, only the product counts.
         if nu_w * nu_e >= 1.0:
-            raise InputError(
+            problems.append(
                 f"fabric.warp.poisson times fabric.weft.poisson must be less than 1, "
                 f"got {nu_w * nu_e:g}"
             )
+        problems.tell()
 
     @classmethod
     def from_table(cls, name: str, table: Mapping[str, Any]) -> Fabric:
@@ -266,29 +281,44 @@ _WANTED: dict[str, Callable[[float], bool]] = {
 }
 
 
-def _check(key: str, value: Any, unit: str = "", wanted: str = "positive and finite") -> None:
-    """Refuse what is not as `wanted`, see _WANTED."""
+def _number(
+    key: str, value: Any, unit: str = "", wanted: str = "positive and finite"
+) -> Iterator[str]:
+    """Problems of what is not as `wanted`, see _WANTED."""
     try:
         number = float(value)  # a whole number of hundreds of digits is none
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"fabric.{key} must be a finite number") from None
+        yield f"fabric.{key} must be a finite number"
+        return
     if not (math.isfinite(number) and _WANTED[wanted](number)):
         got = format_si(number, unit) if unit else f"{number:g}"
-        raise InputError(f"fabric.{key} must be {wanted}, got {got}")
+        yield f"fabric.{key} must be {wanted}, got {got}"
+    else:
+        yield from _size(key, number, unit)
 
 
-def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> None:
-    """Refuse a law that does not resist from the start, or with another modulus beside it."""
+def _size(key: str, number: float, unit: str) -> Iterator[str]:
+    """What is smaller, but for zero, or larger than anything of its kind is."""
+    least, most = LIMITS.get(unit, (0.0, math.inf))
+    if number != 0.0 and not least <= abs(number) <= (1.0 + 1e-5) * most:
+        ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
+        yield f"fabric.{key} must be {ends}, got {format_si(number, unit)}"
+
+
+def _slope(key: str, law: Potential | None, modulus: Any, name: str) -> Iterator[str]:
+    """Problems of a law that does not resist from the start, or has another modulus beside it."""
     if law is None:
         return
     slope = law.stiffness0
     if not 0.0 < slope < math.inf:
-        raise InputError(
+        yield (
             f"fabric.{key} is a law whose slope at zero must be positive and finite, "
             f"got {format_si(slope, 'N/m')}"
         )
+        return
+    yield from _size(key, slope, "N/m")
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
-        raise InputError(
+        yield (
             f"fabric.{name} must be the slope of its law at zero, {format_si(slope, 'N/m')}, "
             f"got {format_si(modulus, 'N/m')}"
         )
@@ -301,10 +331,16 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
     """A law through points in the units `x` and `y`; `most` is the largest x in the usual unit."""
     columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
     limit = Quantity.read(most, x.unit)
-    if max(columns[0]) > limit.si * (1.0 + 1e-9):  # 90 degrees are 90 degrees
-        over, unit = ("angle", "deg") if x.unit == "rad" else ("strain", "%")
-        largest = format_si(max(columns[0]), x.unit)
-        raise ValueError(f'.points go up to {largest}, is {over} = "{unit}" meant?')
+    over, unit, plain = ("angle", "deg", "rad") if x.unit == "rad" else ("strain", "%", "1")
+    largest = max(columns[0])
+    meant = unit if largest > limit.si * (1.0 + 1e-9) else ""  # 90 degrees are 90 degrees
+    # Laws of cloth go beyond 3 degrees, those of yarns beyond 0.05 %.
+    if x.si < 1.0 and largest < Quantity.read("3 deg" if plain == "rad" else "0.05 %", x.unit).si:
+        meant = plain
+    if meant:
+        raise ValueError(
+            f'.points go up to {format_si(largest, x.unit)}, is {over} = "{meant}" meant?'
+        )
     try:
         return table_law(*columns)
     except InputError as error:
@@ -342,9 +378,10 @@ class YarnTable(Table):
     """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
     modulus: Annotated[Quantity, Of("N/m")] | None = None
     """Tension per width over strain. Needed without tension."""
-    poisson: float
-    """Contraction of the other family when this one is pulled. Reciprocity: poisson of the weft
-    times modulus of the warp is the reverse. Example: `0.0`"""
+    poisson: Number | None = None
+    """Contraction of the other family when this one is pulled. By default 0, or what follows from
+    the other family's by reciprocity: poisson of the weft times modulus of the warp is poisson of
+    the warp times modulus of the weft. Example: `0.45`"""
     yarns: Annotated[Quantity, Of("1/m")]
     """Yarns per length across them."""
     yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
@@ -364,13 +401,13 @@ class YarnTable(Table):
         """Make the family, and its law of tension if it has one."""
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
-        return YarnFamily(modulus, self.poisson, self.yarns.si, self.yarn_bending.si), law
+        return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, self.yarn_bending.si), law
 
 
 class ShearTable(Table):
     """[fabric] shear: a modulus, or a law with its own keys."""
 
-    modulus: Annotated[Quantity, Of("N/m", example="0.96 N/cm")] | None = None
+    modulus: Annotated[Quantity, Of("N/m/rad")] | None = None
     """Of a linear law. Either this or law."""
     law: Literal["table", "polynomial", "sin-potential"] | None = None
     """A law in place of the modulus (docs/laws.md)."""
@@ -378,8 +415,13 @@ class ShearTable(Table):
     """Unit of the first column, with law = "table"."""
     force: Annotated[Quantity, Of("N/m", column=True)] | None = None
     """Unit of the second column, with law = "table"."""
+    quantity: Literal["torque per area", "shear force per length"] | None = None
+    """Of the second column, with law = "table": psi', or what a picture frame's force over
+    2 cos(theta) gives per side, F_s/L = psi'/cos(gamma) (docs/laws.md). By default torque per area.
+    Example: `"torque per area"`"""
     points: Pairs | None = None
-    """Shear angle and psi', rising, with law = "table". Example: `[[10, 0.01], [40, 0.2]]`"""
+    """Shear angle and the quantity, rising, with law = "table". Example:
+    `[[10, 0.01], [40, 0.2]]`"""
     coefficients: Annotated[Quantities, Of("N/m", many=True)] | None = None
     """Of the other laws: k1 gamma + k2 gamma^3 + ... with law = "polynomial",
     k1 sin^2 gamma + k2 sin^4 gamma + ... (an energy) with law = "sin-potential"."""
@@ -398,18 +440,33 @@ class ShearTable(Table):
             if key not in takes:
                 raise ValueError(f"takes {keys}, not {key}")
         for key in takes:
-            if key not in given:
+            if key not in (*given, "quantity"):
                 raise ValueError(f".{key} is missing")
         self.build()
         return self
+
+    def question(self) -> str | None:
+        """Ask what a table's second column is, where that makes a difference."""
+        law = self.build()
+        more = 1.0 / math.cos(law.last_point) - 1.0 if law.name == "table" else 0.0
+        if self.quantity is not None or more < DIFFERENCE:
+            return None
+        return (
+            f'fabric.shear does not name its quantity and is taken as "{TORQUE}": where the table '
+            f'ends, at {format_si(law.last_point, "rad")}, a picture frame\'s "{SHEAR_FORCE}" is '
+            f"{100.0 * more:.0f} % more; write which one it is"
+        )
 
     def build(self) -> Potential:
         """Make the law."""
         if self.modulus is not None:
             return linear(self.modulus.si)
         if self.angle is not None and self.force is not None and self.points is not None:
+            points = self.points
+            if self.quantity == SHEAR_FORCE:  # F_s L cos(gamma) is the torque on a frame of side L
+                points = [[angle, f * math.cos(angle * self.angle.si)] for angle, f in points]
             # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
-            return _law_through(self.angle, self.force, self.points, "90 deg")
+            return _law_through(self.angle, self.force, points, "90 deg")
         assert self.coefficients is not None  # the check above has seen to it
         values = si_values(self.coefficients)
         return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
@@ -473,6 +530,17 @@ class FabricTable(Table):
             )
         return self
 
+    def filled_in(self) -> list[str]:
+        """What was left out and is assumed, in sentences."""
+        yarns = {"warp": self.warp, "weft": self.weft}
+        left_out = [side for side, table in yarns.items() if table and table.poisson is None]
+        if not left_out:
+            return []
+        if len(left_out) == 2:
+            return ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
+        value = getattr(self.build(""), left_out[0]).poisson
+        return [f"fabric.{left_out[0]}.poisson is taken as {value:.6g}, by reciprocity"]
+
     def build(self, name: str) -> Fabric:
         """Make the fabric; one of the library keeps its name, with what is replaced."""
         given = {key: value for key, value in self if value is not None}
@@ -481,6 +549,10 @@ class FabricTable(Table):
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
+        if given["warp"].poisson is None:
+            warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
+        elif given["weft"].poisson is None:
+            weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         shear, tension = given["shear"].build(), self.tension or TensionTable()
         return Fabric(
             name,

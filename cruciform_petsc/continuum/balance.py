@@ -28,8 +28,9 @@ import ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..errors import SolverError
+from ..errors import LibraryError, SolverError
 from ..solvers import linear
+from ..solvers.callbacks import calling_back
 from .domain import MembraneDomain
 from .fibres import bending_energy, convex_part, measures, resultants, times
 
@@ -309,6 +310,8 @@ class Balance:
                 return True
             self.u.x.array[:] = moved
             return self.update() and self._iterate(MAX_DESCENT, self._descend)
+        except LibraryError:
+            raise
         except SolverError:
             return False
 
@@ -376,7 +379,8 @@ class Balance:
             self._solver = self.membrane.solver(matrix, self.prefix, **inertia)
         else:
             self._solver.ksp.setOperators(matrix)  # or it would not look at the new values yet
-            self._solver.ksp.setUp()
+            with calling_back(self._solver.ksp):
+                self._solver.ksp.setUp()
 
     def _is_definite(self) -> bool | None:
         """Whether the factorised tangent is positive definite; None if the solver cannot tell."""

@@ -23,6 +23,7 @@ from ..solvers.options import DIRECT as CHOLESKY
 from ..solvers.options import ITERATIVE as CG
 from .mesh import edge_ends, outline_mesh
 from .points import evaluate
+from .sizes import default_size, outline_width
 
 # Triangles that rank 0 may make; a finer mesh is that of all ranks, by refinement.
 MAX_TRIANGLES_RANK_0 = 100_000
@@ -336,23 +337,6 @@ def check_upper(upper: str) -> int | None:
     if upper not in UPPER:
         raise InputError(f"upper = {upper!r} is not one of {', '.join(sorted(UPPER))}")
     return UPPER[upper]
-
-
-def outline_width(outline: shapely.Polygon) -> float:
-    """How wide an outline is in metres: its narrower side, less if it is slender or has holes."""
-    low, high = np.reshape(outline.bounds, (2, 2))
-    return float(min((high - low).min(), 4 * outline.area / outline.length))
-
-
-def default_size(outline: shapely.Polygon, fabric: Any, degree: int) -> float:
-    """Mesh size in metres that leaves load and displacement within about 0.1 %.
-
-    A part, by measurement, of the width of the layers that follow the yarns from the ends of
-    clamps, which goes with the root of the shear modulus over the yarns' modulus; within limits.
-    """
-    layer = (fabric.shear_modulus / max(fabric.c11, fabric.c22)) ** 0.5
-    part = {1: 0.05, 2: 0.35}.get(degree, 0.67)
-    return outline_width(outline) * float(np.clip(part * layer, 1 / 96, 1 / 24))
 
 
 def singular_points(preform: Any) -> np.ndarray:

@@ -16,8 +16,9 @@ from mpi4py import MPI
 
 from ..errors import InputError
 from .balance import Balance
-from .domain import MembraneDomain, MembraneFields, check_upper, default_size, outline_width
+from .domain import MembraneDomain, MembraneFields, check_upper
 from .fibres import measures
+from .sizes import finite_size, rigidity
 
 Motion = tuple[Any, Any] | tuple[Any, Any, int | None]
 
@@ -44,15 +45,9 @@ class HyperelasticMembrane(MembraneDomain):
         if bending and degree < 2:
             raise InputError("a membrane whose yarns bend needs elements of degree 2 or more")
         self.bending = bending
-        families = (fabric.warp, fabric.weft)
-        self.rigidity = np.array([bending * f.yarn_bending * f.yarns for f in families])
+        self.rigidity = bending * rigidity(fabric)
         if size is None:
-            # Coarser than for the linear membrane: a solution takes dozens of its steps.
-            width = outline_width(preform.outline)
-            layer = default_size(preform.outline, fabric, degree)
-            if self.rigidity.any():  # yarns that bend spread whatever is sharper
-                layer = (self.rigidity[self.rigidity > 0].min() / fabric.shear_modulus) ** 0.5
-            size = float(np.clip(layer, width / 40, width / 15))
+            size = finite_size(preform.outline, fabric, degree, bending)
         super().__init__(comm, preform, fabric, size, degree, grading, share_facets=bending)
 
     def strain(self, u: Any) -> tuple[Any, Any, Any]:

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from ..errors import EquilibriumError, InputError, SolverError
+from ..errors import EquilibriumError, InputError, LibraryError, SolverError
 from ..solvers.callbacks import callback, calling_back
+from ..solvers.failures import check_factor
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
 from .state import Found, State
@@ -167,6 +168,7 @@ class Equilibrium:
     def _before_step(self, vector, step) -> None:
         """Make SNES's step (which it subtracts) lead downhill and be of the right length."""
         here = self._evaluate(vector)
+        check_factor(self.snes.ksp.getPC())
         gradient = PETSc.Vec().createWithArray(here.gradient, comm=self.model.comm)
         slope = gradient.dot(step)
         if not (slope > 0.0 and self._is_definite()):
@@ -257,7 +259,7 @@ class Equilibrium:
         try:
             with self._options(), calling_back(self.snes):
                 self.snes.solve(None, self._vector)
-        except (PETSc.Error, SolverError) as error:
+        except SolverError as error:
             raise self._failed(error) from error
         reason = self.snes.getConvergedReason()
         if reason <= 0:
@@ -300,16 +302,16 @@ class Equilibrium:
         model, owned = self.model, self.model.nodes.num_nodes_owned
         free, self._last = model.free(state.hold), None
         change = model.from_axes(np.where(free, 0.0, model.to_axes(change)))
-        self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
-        pushed = model.to_axes(model.times(blocks, change)[:owned])
         right, answer = self._vector.duplicate(), self._vector.duplicate()
-        right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
-        self.snes.ksp.setOperators(self._matrix)
         try:
             with self._options(), calling_back(self.snes):
+                self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
+                pushed = model.to_axes(model.times(blocks, change)[:owned])
+                right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
+                self.snes.ksp.setOperators(self._matrix)
                 self.snes.setUp()
                 self.snes.ksp.solve(right, answer)
-        except (PETSc.Error, SolverError) as error:
+        except SolverError as error:
             raise self._failed(error) from error
         if self.snes.ksp.getConvergedReason() < 0 and not np.isfinite(answer.norm()):
             answer.set(0.0)  # a guess only
@@ -318,12 +320,12 @@ class Equilibrium:
         answer.destroy()
         return moved, model.times(blocks, moved)
 
-    def _failed(self, error: PETSc.Error | SolverError) -> EquilibriumError:
+    def _failed(self, error: SolverError) -> SolverError:
         """What is raised for an error within PETSc or within what it calls. Collective."""
-        what = f"PETSc error {error.ierr}" if isinstance(error, PETSc.Error) else error
-        return EquilibriumError(
-            f"the linear solver failed: {what}", "SETUP", self._history, self._worst()
-        )
+        if isinstance(error, LibraryError):
+            return error
+        what = f"the linear solver failed: {error}"
+        return EquilibriumError(what, "SETUP", self._history, self._worst())
 
     def _worst(self) -> np.ndarray | None:
         """Place at rest of the largest force out of balance. Collective."""

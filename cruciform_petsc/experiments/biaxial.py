@@ -12,14 +12,14 @@ from ..fields import Number, Of, Quantities
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..quantities import declare
-from ..units import format_si
+from ..units import LIMITS, format_si
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
 from .table import TestTable
 
 
 def _leaves_cloth(strain: float) -> bool:
-    return -1.0 < strain < np.inf
+    return -1.0 < strain <= LIMITS["1"][1]
 
 
 Strains = Annotated[Quantities, Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")]
@@ -52,7 +52,8 @@ class BiaxialTable(TestTable):
             if not _leaves_cloth(strain):
                 raise ValueError(
                     "prescribes a weft strain (strain times ratio) of "
-                    f"{format_si(strain, '1')}, it must be finite and more than -100 %"
+                    f"{format_si(strain, '1')}, it must be more than -100 % and at most "
+                    f"{format_si(LIMITS['1'][1], '1')}"
                 )
         return self
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from ..equilibrium.stages import Increment
-from ..errors import CruciformWarning, EquilibriumError, InputError
+from ..errors import EquilibriumError, InputError, InputWarning
 from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -25,7 +25,7 @@ from ..small.network import LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
-from .limits import SMALL_DEG, beyond_small
+from .limits import SMALL_DEG, beyond_small, remarks
 from .result import State, TestResult
 from .table import TestTable
 
@@ -71,6 +71,8 @@ class Experiment:
         Values asked for, SI; loads if ``by_load``.
     size, middle : float (2,)
         Of the outline's bounding box, m.
+    remarks : list of str
+        What of preform, fabric and test is hardly meant; each is also an InputWarning, on rank 0.
     """
 
     table: ClassVar[type[TestTable]]  # of a case file
@@ -111,6 +113,9 @@ class Experiment:
         data = {key: value for key, value in data.items() if value is not None}
         self.test = test = self.table.from_data(data, "test", bare=True)
         test.check(network.preform, network.fabric)
+        self.remarks = remarks(network.preform, network.fabric, test)
+        for sentence in self.remarks if network.comm.rank == 0 else ():
+            warnings.warn(sentence, InputWarning, stacklevel=2)
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
         self.values = np.array(test.values_si)
         if not self.values.any():
@@ -201,7 +206,7 @@ class Experiment:
     ) -> TestResult:
         """Solve and measure. Collective.
 
-        Small displacements beyond limits.SMALL_DEG of shear are a CruciformWarning on rank 0.
+        Small displacements beyond limits.SMALL_DEG of shear are a InputWarning on rank 0.
 
         At finite deformation ``accepted`` is called with each accepted Increment, and ``keeper`` is
         a checkpoint, kept up to date at each; from one opened from files the test goes on. Without
@@ -218,7 +223,7 @@ class Experiment:
         result = self._solve_small()
         largest = float(result.shear_angles_max.max())
         if largest > np.deg2rad(SMALL_DEG) and self.network.comm.rank == 0:
-            warnings.warn(beyond_small(largest, "finite=True"), CruciformWarning, stacklevel=2)
+            warnings.warn(beyond_small(largest, "finite=True"), InputWarning, stacklevel=2)
         return result
 
     def motions(self, grips: list[Grip], control: float) -> list:

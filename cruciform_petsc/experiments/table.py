@@ -5,12 +5,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..errors import InputError
+from ..errors import Problems
 from ..fields import Count, Of, Quantities, Table, si_values
+from ..units import format_si
+
+TOO_FAR = 10.0  # times its length: what no specimen is pulled by
+
+MOST_INCREMENTS = 100_000
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
@@ -39,7 +44,7 @@ class TestTable(Table):
     something asks for small displacements: model = "separate" or continuum.ladder."""
     bending: bool = True
     """Yarns bend in the plane; false: they are hinged."""
-    increments: Count | None = None
+    increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
 
@@ -73,14 +78,23 @@ class TestTable(Table):
 
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """Raise InputError if the preform or the fabric is none for such a test."""
+        problems = Problems()
         if self.along_the_yarns:
-            preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+            with problems.caught():
+                preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
         for side in ("warp", "weft"):
             if self.bending and getattr(fabric, side).yarn_bending == 0.0:
-                raise InputError(
+                problems.append(
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
+        largest, length = max(map(abs, self.values_si)), float(preform.size[1])
+        if self.controls[self.control] == "m" and largest > TOO_FAR * length:
+            problems.append(
+                f"test.{self.control} = {format_si(largest, 'm')} is {largest / length:.3g} times "
+                f"the specimen's length of {format_si(length, 'm')}, which unit is meant?"
+            )
+        problems.tell()
 
 
 class PullTable(TestTable):

@@ -166,6 +166,24 @@ def cells_cut(segments: np.ndarray) -> np.ndarray:
     )
 
 
+def areas_within(outline: shapely.Geometry, boxes: np.ndarray) -> np.ndarray:
+    """Areas of an outline within many small boxes, float (n,).
+
+    Each box would look at every corner of the outline: it is cut in halves first, each with the
+    boxes there, until pieces have few corners.
+    """
+    if len(boxes) < 16 or shapely.get_num_coordinates(outline) < 64:
+        return shapely.area(shapely.intersection(outline, boxes))
+    bounds = shapely.bounds(boxes)
+    area, axis = np.zeros(len(boxes)), int(np.ptp(bounds[:, :2], axis=0).argmax())
+    for rows in np.array_split(np.argsort(bounds[:, axis], kind="stable"), 2):
+        part = shapely.intersection(outline, shapely.box(*shapely.total_bounds(boxes[rows])))
+        parts = shapely.get_parts(part)
+        polygons = parts[shapely.get_dimensions(parts) == 2]
+        area[rows] = areas_within(shapely.multipolygons(polygons), boxes[rows])
+    return area
+
+
 def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
     """Area inside the outline that each quadrant of the given crossovers stands for.
 
@@ -181,7 +199,7 @@ def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
     area = np.zeros((len(ij), 4))
     if len(ij) == 0:
         return area
-    shapely.prepare(outline)
+    taken = []  # (row and quadrant, weight, lower left corner of a quarter in half pitches)
     for q, (warp_arm, weft_arm) in enumerate(QUADRANTS):
         warp, weft = ARM_STEP[warp_arm], ARM_STEP[weft_arm]
         diagonal = warp + weft
@@ -197,11 +215,15 @@ def quadrant_areas(ij, present, outline: shapely.Polygon) -> np.ndarray:
         for step, weight in takes:
             rows = np.flatnonzero(weight)
             # The quarter of the cell at ij + step that touches this crossover's own quarter.
-            corner = ij[rows] + step
-            other = corner + np.where(step == 0, 0.5, -0.5) * diagonal
-            boxes = shapely.box(*np.minimum(corner, other).T, *np.maximum(corner, other).T)
-            inside = shapely.contains_properly(outline, boxes)
-            piece = np.full(len(rows), 0.25)
-            piece[~inside] = shapely.area(shapely.intersection(outline, boxes[~inside]))
-            area[rows, q] += weight[rows] * piece
+            corner = 2 * (ij[rows] + step)
+            other = corner + np.where(step == 0, 1, -1) * diagonal
+            taken.append((4 * rows + q, weight[rows], np.minimum(corner, other)))
+    place, weight, low = (np.concatenate(part) for part in zip(*taken, strict=True))
+    quarters, which = np.unique(low, axis=0, return_inverse=True)
+    boxes = shapely.box(*0.5 * quarters.T, *0.5 * (quarters.T + 1))
+    shapely.prepare(outline)
+    piece = np.full(len(boxes), 0.25)
+    cut = ~shapely.contains_properly(outline, boxes)
+    piece[cut] = areas_within(outline, boxes[cut])
+    np.add.at(area.reshape(-1), place, weight * piece[which.ravel()])
     return area

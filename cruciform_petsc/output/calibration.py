@@ -11,8 +11,9 @@ import numpy as np
 
 from ..calibration.load_curve import PLACE
 from ..calibration.result import LARGEST_ERROR, Calibration, Comparison, Prediction, rms
+from ..cloth.fabric import TORQUE
 from ..parallel import on_root
-from .pictures import COLOURS, DASHES, save
+from .pictures import COLOURS, DASHES, plain_text, save
 from .tables import write_csv, write_json, written_whole
 
 if TYPE_CHECKING:
@@ -50,12 +51,14 @@ def write(
         columns = _columns(prediction, predicted_N=prediction.loads)
         write_csv(comm, directory / "hold_out.csv", columns)
 
+    verdict = c.verdict(prediction)
+
     def law() -> None:
         with written_whole(directory / "law.toml") as temporary:
-            temporary.write_text(law_file(c), encoding="utf-8")
+            temporary.write_text(law_file(c, verdict), encoding="utf-8")
 
     on_root(comm, law)
-    summary = more | _summary(c)
+    summary = more | {"verdict": verdict} | _summary(c)
     write_json(comm, directory / "calibration.json", summary)
     if picture:
         save(comm, directory / "calibration.png", figure, c, str(more.get("title", "")))
@@ -77,14 +80,16 @@ def law_line(calibration: Calibration) -> str:
     points = zip(np.rad2deg(calibration.angles), 1e-3 * calibration.values, strict=True)
     pairs = [f"[{angle:.6g}, {value:.{DIGITS}g}]" for angle, value in ((0.0, 0.0), *points)]
     return (
-        f'shear = {{ law = "table", angle = "deg", force = "N/mm", points = [{", ".join(pairs)}] }}'
+        f'shear = {{ law = "table", quantity = "{TORQUE}", angle = "deg", force = "N/mm", '
+        f"points = [{', '.join(pairs)}] }}"
     )
 
 
-def law_file(calibration: Calibration) -> str:
+def law_file(calibration: Calibration, verdict: str) -> str:
     """The text of law.toml."""
     d = calibration.curve.displacement
     remarks = [
+        f"May be used: {verdict}.",
         f"Identified from {len(d)} loads between {1e3 * d.min():.4g} and {1e3 * d.max():.4g} mm, "
         f"RMS of the relative error {100 * calibration.rms:.2f} %.",
         *calibration.remarks(),
@@ -164,6 +169,7 @@ def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
         "points_extrapolated": int(prediction.extrapolated.sum()),
         "rms_relative_error_not_extrapolated": prediction.rms_known,
         "law_known_to_deg": float(np.rad2deg(prediction.known_to)),
+        "remarks": prediction.remarks(),
     }
 
 
@@ -178,7 +184,7 @@ def figure(calibration: Calibration, title: str = "") -> Figure:
     _draw_residuals(chart.add_subplot(grid[1, 0], sharex=curves), calibration)
     _draw_law(chart.add_subplot(grid[:, 1]), calibration)
     if title:
-        chart.suptitle(title, fontsize=10.5)
+        chart.suptitle(plain_text(title), fontsize=10.5)
     return chart
 
 

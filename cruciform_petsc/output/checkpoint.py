@@ -38,8 +38,9 @@ from .. import __version__
 from ..case.schema import Case
 from ..equilibrium.follow import Path as StagePath
 from ..equilibrium.stages import Increment
-from ..errors import InputError
+from ..errors import InputError, cut, typed_before
 from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
+from ..reading import open_regular, read_bytes
 from .folder import (
     CHECKPOINT,
     PUT_ASIDE,
@@ -47,9 +48,7 @@ from .folder import (
     explaining,
     foreign,
     lock_directory,
-    open_regular,
     prepare_directory,
-    read_small,
     unlock_directory,
 )
 
@@ -60,9 +59,10 @@ if TYPE_CHECKING:
     from ..net.nodes import Nodes
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
+HEADER = 2**12  # bytes that NumPy puts before an array, at most
 FORMAT = 3  # 1: files, of version 0.1.0; 2: states asked for only, of 0.2.0
 PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
-ANEW = "begin anew with cruciform-petsc run"
+ANEW = f"begin anew with {typed_before()}cruciform-petsc run"
 
 
 class DamagedError(InputError):
@@ -75,7 +75,9 @@ def _senseless(folder: Path) -> DamagedError:
 
 # -- what a manifest says --------------------------------------------------------------------------
 
+MOST = 1e30  # of what is no whole number
 Count = Annotated[int, Field(ge=0, lt=2**53)]
+Rows = Annotated[int, Field(ge=0, lt=2**31)]  # a rank counts its nodes in 32 bits
 Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -88,7 +90,7 @@ class _Path(_Table):
 
     target: Count
     allowed: float | None
-    load: float
+    load: Annotated[float, Field(gt=-MOST, lt=MOST)]
 
 
 class _Run(_Table):
@@ -107,7 +109,7 @@ class _Run(_Table):
         by_load = case.test.control == "load" != next(iter(case.test.controls))
         before, asked = 0.0, 0
         for increment in self.increments:
-            if asked == len(values) or not increment.iterations < 2**53:
+            if asked == len(values) or not _has_numbers(asdict(increment)):
                 return False
             value, control = values[asked], increment.control
             if not (by_load or min(before, value) <= control <= max(before, value)):
@@ -119,8 +121,11 @@ class _Run(_Table):
         controls = [increment.control for increment in self.increments]
         largest = max(map(abs, controls), default=math.inf)
         allowed = self.path.allowed
+        modes = {tuple(increment.energies) for increment in self.increments}
         return (
-            self.path.target == asked
+            len(modes) <= 1
+            and all(re.fullmatch(r"[a-z_]{1,40}", mode) for names in modes for mode in names)
+            and self.path.target == asked
             and len(self.states) == len(self.increments)
             and len({tuple(increment.columns) for increment in self.increments}) < 2
             and self.controls[-1] == before
@@ -128,6 +133,14 @@ class _Run(_Table):
             and len(set(self.controls)) == len(self.controls)
             and (allowed is None or allowed > 1e-12 * largest)
         )
+
+
+def _has_numbers(figures: Any) -> bool:
+    """Whether all that there is are numbers that can be summed up and squared."""
+    if isinstance(figures, dict | list):
+        parts = figures.values() if isinstance(figures, dict) else figures
+        return all(map(_has_numbers, parts))
+    return abs(figures) < (2**53 if isinstance(figures, int) else MOST)
 
 
 class _Head(BaseModel):
@@ -148,7 +161,7 @@ class _Manifest(_Table, _Head):
     """What there is in a folder."""
 
     arrays: _Arrays
-    rows: Annotated[list[Count], Field(min_length=1)]  # of each rank's file
+    rows: Annotated[list[Rows], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
     run: _Run | None  # not of a state after an increment
 
@@ -172,7 +185,7 @@ def _read_manifest(folder: Path) -> tuple[_Manifest, str]:
             f"cruciform_petsc ({__version__}) is: resume with the version that wrote it, or move "
             f'"{folder.parent}" away and {ANEW}'
         )
-    text = read_small(path)
+    text = read_bytes(path)
     body = b"{" + text[len(_sealed(b"{")) :]
     if _sealed(body) != text:
         raise DamagedError(f'"{path}" is damaged: its bytes do not match its checksum')
@@ -215,8 +228,13 @@ class _Part:
         def check() -> None:
             for rank in range(comm.rank, len(part.manifest.hashes), comm.size):
                 path = folder / f"rank-{rank}.npy"
+                size = part.manifest.rows[rank] * _record(part.manifest.arrays.positions).itemsize
                 with explaining(f'"{path}" cannot be read', DamagedError), open_regular(path) as f:
-                    if hashlib.file_digest(f, "sha256").hexdigest() != part.manifest.hashes[rank]:
+                    if (
+                        os.fstat(f.fileno()).st_size > size + HEADER
+                        or hashlib.file_digest(f, "sha256").hexdigest()
+                        != part.manifest.hashes[rank]
+                    ):
                         raise DamagedError(
                             f'"{path}" is damaged: its bytes do not match its checksum'
                         )
@@ -273,7 +291,7 @@ class _Part:
             return np.where(row[:, None, None] < 0, np.nan, x[order][row])
 
         found = ask(comm, _meeting(own, comm.size), own, answer)
-        if not all(comm.allgather(bool(np.isfinite(found).all()))):
+        if not all(comm.allgather(bool((np.abs(found) < MOST).all()))):
             raise InputError(f'"{self.folder}" is of another network, or holds no numbers; {ANEW}')
         local = np.zeros((count, nodes.num_nodes_local, dim))
         local[:, : len(own)] = found.swapaxes(0, 1)
@@ -332,7 +350,7 @@ class Checkpoint:
                 folder.rename(old)
                 notes.append(
                     f'the checkpoint of a run that was not finished is now "{old}" '
-                    "(cruciform-petsc resume would have continued it)"
+                    f"({typed_before()}cruciform-petsc resume would have continued it)"
                 )
             _remove(folder)
             folder.mkdir()
@@ -374,7 +392,7 @@ class Checkpoint:
     def _adopt(self, part: _Part) -> None:
         """Take over what a manifest says, if it is of this case."""
         run = part.run
-        differing = _differences(run.determines, determines(self.case))
+        differing = [cut(key) for key in _differences(run.determines, determines(self.case))]
         shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
         if differing and shown.isprintable():
             raise InputError(
@@ -517,7 +535,7 @@ def reopen(
     for ``cruciform-petsc run``. Errors are those of `Checkpoint.resume`.
     """
     case, directory = None, Path(target)
-    exists, is_folder = on_root(comm, lambda: (directory.exists(), directory.is_dir()))
+    exists, is_folder = on_root(comm, lambda: (os.path.exists(target), os.path.isdir(target)))
     if not exists:
         raise InputError(f'there is no "{target}", name a folder of results or a case file')
     if not is_folder:
@@ -533,7 +551,7 @@ def reopen(
     elif overrides or output is not None:
         raise InputError(
             f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
-            "case file: cruciform-petsc resume CASE"
+            f"case file: {typed_before()}cruciform-petsc resume CASE"
         )
     warning = on_root(comm, lambda: lock_directory(directory))
     if case and not on_root(comm, lambda: _found(directory) or _is_finished(directory)):
@@ -558,7 +576,7 @@ def hint(directory: str | Path, ranks: int = 1) -> str:
 def resume_command(directory: str | Path, ranks: int = 1) -> str:
     """What to type to go on with the run whose results are in a folder."""
     launcher = f"mpirun -n {ranks} " if ranks > 1 else ""
-    return f"{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
+    return f"{typed_before()}{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
 
 
 # -- what determines a run -------------------------------------------------------------------------
@@ -645,7 +663,7 @@ def _found(directory: Path) -> list[Path]:
 
 def _is_finished(directory: Path) -> bool:
     """Whether results are there; a summary may be of a run before the one that was interrupted."""
-    return (directory / "summary.json").exists() and not (directory / CHECKPOINT).exists()
+    return os.path.exists(directory / "summary.json") and not os.path.exists(directory / CHECKPOINT)
 
 
 def _nothing_there(directory: Path) -> str:
@@ -653,5 +671,6 @@ def _nothing_there(directory: Path) -> str:
         return f'the run in "{directory}" is finished, there is nothing to resume'
     return (
         f'there is no checkpoint in "{directory}": nothing was reached there yet, or it is not the '
-        "folder of a test at finite deformation; start with cruciform-petsc run CASE"
+        "folder of a test at finite deformation; start with "
+        f"{typed_before()}cruciform-petsc run CASE"
     )

@@ -7,23 +7,21 @@ removed or replaced; a folder in which something else has such a name is refused
 
 from __future__ import annotations
 
-import errno
 import fcntl
-import io
 import json
 import logging
 import os
 import secrets
-import stat
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..parallel import on_root
+from ..reading import read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
 MANIFEST, PROGRAM = ".cruciform-petsc.json", "cruciform_petsc"
 CHECKPOINT, PUT_ASIDE = "checkpoint", "checkpoint.old"
 PATIENCE = 3.0  # s, with a run that is just being ended in the same folder
-LARGEST = 64  # MiB, of a JSON file
 # What each command may leave. A run removes what an earlier one left, lest it looks like its own.
 OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
@@ -64,44 +61,15 @@ def explaining(
         raise error(f"{problem}: {getattr(reason, 'strerror', None) or reason}") from None
 
 
-# -- reading what may come from anywhere -----------------------------------------------------------
-
-
-def open_regular(path: Path) -> io.BufferedReader:
-    """Open a regular file for reading; OSError for a link, a pipe, a device."""
-    if not stat.S_ISREG(os.lstat(path).st_mode):
-        raise OSError(errno.EINVAL, "it is no regular file")
-    flags = os.O_NOFOLLOW | os.O_NONBLOCK
-    return open(path, "rb", opener=lambda name, mode: os.open(name, mode | flags))
-
-
-def read_small(path: Path) -> bytes:
-    """Read a regular file of at most `LARGEST` MiB; OSError if it is another."""
-    with open_regular(path) as file:
-        data = file.read((LARGEST << 20) + 1)
-    if len(data) > LARGEST << 20:
-        raise OSError(errno.EFBIG, f"it is larger than {LARGEST} MiB")
-    return data
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    """Read an object from a JSON file; empty if there is none, or something else."""
-    try:
-        data = json.loads(read_small(path))
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return data if isinstance(data, dict) else {}
-
-
 # -- whose files they are --------------------------------------------------------------------------
 
 
 def _names_in(directory: Path) -> set[str]:
     """Names of what this program has written into a folder."""
-    manifest = _read_json(directory / MANIFEST)
+    manifest = read_json(directory / MANIFEST)
     if manifest.get("program") == PROGRAM and isinstance(manifest.get("files"), list):
         return {name for name in manifest["files"] if name in KNOWN}
-    versions = _read_json(directory / OF_RUN[0]).get("versions")
+    versions = read_json(directory / OF_RUN[0]).get("versions")
     if not (isinstance(versions, dict) and PROGRAM in versions):
         return set()
     # Results of version 0.1.0, which had no manifest.
@@ -158,7 +126,7 @@ def remove_results(comm: MPI.Intracomm, directory: Path) -> str:
     """
 
     def remove() -> str:
-        old = _read_json(directory / OF_RUN[0])
+        old = read_json(directory / OF_RUN[0])
         names = _written(directory) or set()
         removed = names.intersection(OF_RUN)
         names -= removed

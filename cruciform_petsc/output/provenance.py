@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import __version__
 from ..parallel import on_root
+from ..reading import read_bytes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -43,20 +44,25 @@ def commit() -> str | None:
     git = Path(__file__).resolve().parents[2] / ".git"
     try:
         if git.is_file():  # of a further work tree
-            git = git.parent / git.read_text(encoding="utf-8").strip().removeprefix("gitdir: ")
-        head = (git / "HEAD").read_text(encoding="ascii").strip()
+            git = git.parent / _line(git).removeprefix("gitdir: ")
+        head = _line(git / "HEAD")
         if not head.startswith("ref: "):
             return head or None
         name = head.removeprefix("ref: ")
         common = git / "commondir"
         if common.is_file():
-            git = git / common.read_text(encoding="utf-8").strip()
+            git = git / _line(common)
         if (git / name).is_file():
-            return (git / name).read_text(encoding="ascii").strip()
-        packed = (git / "packed-refs").read_text(encoding="ascii").splitlines()
+            return _line(git / name)
+        packed = read_bytes(git / "packed-refs").decode().splitlines()
         return next((line.split()[0] for line in packed if line.endswith(f" {name}")), None)
     except (OSError, ValueError):
         return None
+
+
+def _line(path: Path) -> str:
+    """What a small file holds."""
+    return read_bytes(path).decode().strip()
 
 
 def provenance(comm: MPI.Intracomm) -> dict[str, Any]:

@@ -18,6 +18,9 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from ..parallel import end_unless_all
+from .failures import in_words
+
 _noted: list[BaseException] = []  # by callbacks, the first one first
 _came: list[int] = []  # signals that wait
 _handlers: dict[int, Callable] = {}  # what they wait for
@@ -43,19 +46,23 @@ def callback(function: Callable) -> Callable:
 def calling_back(solver: PETSc.Object) -> Iterator[None]:
     """Call PETSc, and raise what a callback has raised in place of PETSc's word of it.
 
-    On the rank where it was raised; others may be left within PETSc. After an error the solver is
-    never freed, whoever destroys it: PCMG, for one, takes vectors for its own while it is applied.
+    On the rank where it was raised; others may be left within PETSc. An error of PETSc's own is one
+    of ours (see failures.in_words) on all ranks, or, if some do not come, the end of all. After an
+    error the solver is never freed, whoever destroys it: PCMG, for one, takes vectors for its own
+    while it is applied.
     """
     _noted.clear()
     with _signals_wait():
         try:
             yield
-        except PETSc.Error:
+        except PETSc.Error as raised:
             solver.incRef()
-            if not _noted:
-                raise
-            error = _noted[0]
+            error = _noted[0] if _noted else raised
             _noted.clear()
+            if isinstance(error, PETSc.Error):
+                ours = in_words(error, solver.getOptionsPrefix() or "") or error
+                end_unless_all(solver.comm.tompi4py(), str(ours))
+                error = ours
             raise error from None
 
 

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from ..errors import SolverError
 from .callbacks import calling_back
+from .failures import check_factor
 from .multigrid import Hierarchy
 from .options import (
     DIRECT,
@@ -101,15 +102,8 @@ class LinearSolver:
             set_from_options(self.ksp, prefix, options)
             if kind == "mg" and multigrid is not None:
                 self._attach(multigrid(matrix), prefix)
-            try:
-                with calling_back(self.ksp):
-                    self.ksp.setUp()
-            except PETSc.Error as error:
-                raise SolverError(
-                    f"the preconditioner '{self.ksp.getPC().getType()}' could not be set up "
-                    f"(PETSc error {error.ierr})",
-                    "SETUP",
-                ) from error
+            with calling_back(self.ksp):
+                self.ksp.setUp()
         self._setup_s = time.perf_counter() - begin
 
     def _attach(self, hierarchy: Hierarchy, prefix: str) -> None:
@@ -161,6 +155,7 @@ class LinearSolver:
             solution_s,
         )
         if not singular and info.ksp == PETSc.KSP.Type.PREONLY:
+            check_factor(self.ksp.getPC())
             if info.reason == "DIVERGED_PCSETUP_FAILED":  # rounding left a pivot of just zero
                 raise _mechanism("a pivot of zero")
             if reason >= 0:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,11 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..errors import InputError
+from ..errors import CruciformError, InputError
+from ..parallel import end_unless_all
+from .failures import in_words
+from .settings import closest, setting_of
 
-PREFIX = "cruciform_"
+PREFIX, MEMBRANE = "cruciform_", "membrane_"
 # Up to here a sparse Cholesky factorisation is the default: planar graphs fill in little, and it
 # finds mechanisms, which an iteration cannot. At 363,000 unknowns it takes 2.4 times as long as the
 # yarn multigrid (1.6 s, with OpenBLAS) and half a GiB; no general iteration is faster.
@@ -57,6 +62,9 @@ LEAST_NORM = {
     "ksp_max_it": 100_000,
     "pc_type": "none",
 }
+_TOLD = r"(?:view|monitor|monitor_true_residual|converged_reason)$"  # what PETSc is to tell
+_PETSC = ctypes.CDLL(PETSc.__file__)  # for what petsc4py does not have before 3.23
+_used: set[str] = set()  # options that PETSc has asked for, of those that were there for a while
 _KINDS = {  # of what a type is an option, and one that every PETSc has
     "snes_type": (PETSc.SNES, "newtonls"),
     "ksp_type": (PETSc.KSP, "cg"),
@@ -68,15 +76,50 @@ _KINDS = {  # of what a type is an option, and one that every PETSc has
 def petsc_options(prefix: str, options: Mapping[str, object]) -> Iterator[None]:
     """Options under a prefix for a while; what the user has set on the command line wins."""
     database = PETSc.Options()
+    there = database.getAll()  # hasName would note that they are asked for
     names = {f"{prefix}{name}": value for name, value in options.items()}
-    names = {name: value for name, value in names.items() if not database.hasName(name)}
+    names = {name: value for name, value in names.items() if name not in there}
     for name, value in names.items():
-        database[name] = value
+        if value is not False or not re.search(_TOLD, name):
+            # True is an option without a value: where to, for what PETSc is to tell.
+            database[name] = "" if value is True else value
     try:
         yield
     finally:
         for name in names:
+            if _is_used(name):
+                _used.add(name)
             database.delValue(name)
+
+
+def _is_used(name: str) -> bool:
+    """Whether PETSc has asked for an option of the database since it was put there."""
+    used = ctypes.c_int()
+    _PETSC.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+    return bool(used.value)
+
+
+def unused_options(comm: MPI.Intracomm, options: Mapping[str, object]) -> list[str]:
+    """Sentences about options that no solver has asked for so far: slips, mostly. Collective.
+
+    Of `options`, as they were given to solvers under PREFIX, and of the whole options database,
+    names under our prefixes, and those that would be known there.
+    """
+    names = {PREFIX + name for name, value in options.items() if value is not False} - _used
+    for name in PETSc.Options().getAll():
+        ours = name.startswith((PREFIX, MEMBRANE))
+        if (ours or setting_of(name) is not None) and not _is_used(name):
+            names.add(name)
+    sentences = []
+    for name in sorted(set.intersection(*comm.allgather(names))):
+        prefix = next((p for p in (PREFIX, MEMBRANE) if name.startswith(p)), "")
+        near = closest(name.removeprefix(prefix))
+        if (near and prefix + near not in (name, "")) or not prefix:
+            hint = f'did you mean "-{prefix or PREFIX}{near}"?'
+        else:
+            hint = "no solver in use asks for it"
+        sentences.append(f'the PETSc option "-{name}" was not used: {hint}')
+    return sentences
 
 
 def set_from_options(
@@ -86,11 +129,22 @@ def set_from_options(
 
     Raises InputError on every rank if PETSc does not know a type, or does not understand a value.
     """
+    problem = None
     try:
         solver.setFromOptions()
-        return
     except PETSc.Error as error:
-        refused = error
+        problem = _refusal(solver, prefix, options, error)
+    comm = solver.comm.tompi4py()
+    end_unless_all(comm, str(problem or ""))  # files are opened, or not, by rank 0 alone
+    for error_there in comm.allgather(problem):
+        if error_there is not None:
+            raise error_there
+
+
+def _refusal(
+    solver: PETSc.KSP | PETSc.SNES, prefix: str, options: Mapping[str, object], error: PETSc.Error
+) -> CruciformError:
+    """What is told of an error of PETSc while it reads options."""
     database = PETSc.Options(prefix)
     source = "solver.options or the command line" if prefix == PREFIX else "the command line"
     for name, (kind, known) in _KINDS.items():
@@ -100,17 +154,16 @@ def set_from_options(
         probe = kind().create(PETSc.COMM_SELF)
         try:
             probe.setType(value)
-        except PETSc.Error as error:
-            raise InputError(
+        except PETSc.Error:
+            return InputError(
                 f"-{prefix}{name} (from {source}) is '{value}', which this PETSc does not have: "
                 f"'{known}' would do"
-            ) from error
+            )
         finally:
             probe.destroy()
-    raise InputError(
-        f"PETSc does not accept one of the options -{prefix}... (from {source}; PETSc error "
-        f"{refused.ierr}): correct it or leave it out"
-    ) from refused
+    return in_words(error, prefix) or InputError(
+        f"PETSc does not accept one of the options -{prefix}... (PETSc error {error.ierr})"
+    )
 
 
 def reason_name(reason: int, kind: Any = PETSc.KSP) -> str:

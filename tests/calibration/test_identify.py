@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Shear laws from load curves: laws that are known come back; what is not known is told."""
 
+import io
 import json
 import logging
 import tomllib
@@ -28,6 +29,7 @@ from cruciform_petsc.calibration.formula import (
 )
 from cruciform_petsc.calibration.load_curve import LoadCurve
 from cruciform_petsc.calibration.rising import value_changes
+from cruciform_petsc.calibration.specimen import formula_gap
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
@@ -74,82 +76,7 @@ def loads_of(network, law, displacement=DISPLACEMENT, **test):
         curve.destroy()
 
 
-# -- the measured curve ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "displacement [mm], force [N]\n1, 0.5\n2, 1\n4, 2\n5.5, 2.5\n",
-        "extension_mm,load_N\n1,0.5\n2,1\n4,2\n5.5,2.5\n",
-        "displacement (mm);force (N)\n1;0,5\n2;1\n4;2\n5,5;2,5\n",
-        "\ufeffWeg [mm]\tKraft [N]\n1\t0,5\n2\t1\n4\t2,0\n5,5\t2,5\n",
-        "# a comment\n\nForce / N, Travel / m\n0.5, 1e-3\n# more\n1, 2e-3\n2, 4e-3\n2.5, .0055\n",
-        "crosshead cm,load kN\n.1,.0005\n.2,.001\n.4,.002\n.55,.0025\n",
-        '"Displacement","Load"\n"(mm)","(N)"\n"0","0"\n"1","0.5"\n"2","1"\n"4","2"\n"5.5","2.5"\n',
-        # The curve that this program writes: further columns are not looked at.
-        "extension_mm,load_N,shear_max_deg,energy_shear_J\n1,.5,3,0\n2,1,5,0\n4,2,,\n5.5,2.5,9,1\n",
-    ],
-)
-def test_reads_what_machines_write(tmp_path, text):
-    path = tmp_path / "curve.csv"
-    path.write_text(text, encoding="utf-8")
-    curve = read_curve(path)
-    np.testing.assert_allclose(curve.displacement, [1e-3, 2e-3, 4e-3, 5.5e-3], rtol=1e-14)
-    np.testing.assert_allclose(curve.force, [0.5, 1.0, 2.0, 2.5], rtol=1e-14)
-
-
 HEAD = "displacement [mm], force [N]\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "is empty"),
-        ("1, 2\n2, 3\n", "has no header with units, write for example"),
-        (
-            "displacement, force\n1, 2\n",
-            'no column with a unit of displacement in its header "disp',
-        ),
-        ("displacement [mm], force [kg]\n1, 2\n", "no column with a unit of force"),
-        ("d [mm], e [mm], F [N]\n1, 2, 3\n", "2 columns with a unit of displacement"),
-        (HEAD + "1, 2\n2, x\n", 'line 3: force must be a finite number, got "x"'),
-        (HEAD + "1, 2\n2,\n", 'line 3: force must be a finite number, got ""'),
-        (HEAD + "1, 2\n2, nan\n", "line 3: force must be a finite number"),
-        (HEAD + "1, 2\n2\n", "line 3, has 1 columns instead of 2"),
-        (HEAD + "1,5, 2,5\n", "line 2, has 4 columns instead of 2, decimal commas need semicolons"),
-        (HEAD + "1, 2\n2, 3\n3, 4\n", "has 3 points with a displacement, at least 4"),
-        (HEAD + "1, 2\n2, -3\n3, 4\n4, 5\n", "must be positive, it is -3 N at 2 mm"),
-        (HEAD + "-1, 2\n2, 3\n3, 4\n4, 5\n", "negative displacement -1 mm"),
-        (HEAD + "1, 2\n2, 3\n3, 4\n4, 5\n2, 1\n", "turns back after 4 mm"),
-        ("\0\0", "is not a text file"),
-    ],
-)
-def test_bad_curves_are_one_sentence(tmp_path, text, message):
-    path = tmp_path / "curve.csv"
-    path.write_text(text)
-    with pytest.raises(InputError) as error:
-        read_curve(path)
-    assert message in str(error.value)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_missing_curve(tmp_path):
-    with pytest.raises(InputError, match="does not exist"):
-        read_curve(tmp_path / "no.csv")
-    with pytest.raises(InputError, match="is a folder"):
-        read_curve(tmp_path)
-
-
-def test_many_rows_are_averaged():
-    """Noise of neighbours averages out; a line stays a line."""
-    rng = np.random.default_rng(1)
-    d = np.sort(rng.uniform(0.0, 0.05, 3000))
-    curve = MeasuredCurve.from_points(d, 100.0 * d + 1.0 + rng.normal(0, 0.1, 3000), most=30)
-    assert (len(curve.force), curve.rows) == (30, 3000)
-    # 0.1 over the root of 100 rows is 0.01; four times that.
-    np.testing.assert_allclose(curve.force, 100.0 * curve.displacement + 1.0, atol=0.04)
 
 
 # -- the closed formula ------------------------------------------------------------------------
@@ -564,6 +491,132 @@ def test_bounds_of_the_law():
         calibrate(square, FRAME, loads, kind="picture-frame", bounds=(linear(9.0), linear(5.0)))
 
 
+# -- data that mislead --------------------------------------------------------------------------
+
+
+def frame_curve(factor=1.0, law=RISING, displacement=FRAME):
+    """Loads of a frame by the formula; its network is the formula to a ten-thousandth."""
+    g = frame_angle(displacement, (0.1, 0.1))
+    diagonal = np.hypot(0.1, 0.1) + displacement
+    return MeasuredCurve.from_points(
+        displacement, factor * law.evaluate(g)[1] * diagonal / np.cos(g)
+    )
+
+
+def test_never_worse_than_the_start():
+    """Stairs that the ladder of angles, and smoothing, would level."""
+    d = np.linspace(2e-3, 34e-3, 10)
+    g = frame_angle(d, (0.1, 0.1))
+    stairs = table(g, 5.0 * 2.0 ** np.floor(np.arange(10) / 2.0) * (1.0 + 0.01 * np.arange(10)))
+    told = []
+    found = calibrate(frame(), frame_curve(1.0, stairs, d), kind="picture-frame", told=told.append)
+    assert found.start_rms < 0.05
+    assert found.rms <= 1.001 * found.start_rms
+    assert any("worse than the start: once more" in line for line in told)
+    # With angles of the user's own it says so.
+    forced = calibrate(
+        frame(), frame_curve(1.0, stairs, d), kind="picture-frame", angles=[0.2, 0.5, 1.0]
+    )
+    assert forced.rms > 1.001 * forced.start_rms
+    assert any("worse than its start" in remark for remark in forced.remarks())
+
+
+def test_knots_where_the_data_begin():
+    """A first point far below two degrees has a knot of its own, and is followed."""
+    law = table(np.deg2rad([0.3, 1.5, 10, 40, 70]), [2.0, 3.5, 5.0, 12.0, 40.0])
+    d = np.append([0.26e-3, 0.7e-3], FRAME)
+    found = calibrate(frame(), frame_curve(1.0, law, d), kind="picture-frame")
+    assert np.rad2deg(found.angles[0]) == pytest.approx(0.211, abs=0.001)
+    assert found.rms < 0.02
+    assert abs(found.residuals[0]) < 0.03
+    assert found.usable_ranges()[0][0] == pytest.approx(found.angles[0])
+    # A plateau from the first point of a strip on: half of its cloth shears half as much.
+    plateau, d = table(np.deg2rad([0.4, 20, 50]), [3.0, 3.5, 30.0]), DISPLACEMENT[[0, 2, 4, 6, 8]]
+    strip = specimen(5)
+    found = calibrate(strip, d, loads_of(strip, plateau, d))
+    assert found.angles[0] == pytest.approx(0.5 * found.reached[0], rel=0.2)
+    assert abs(found.residuals[0]) < 0.05
+
+
+def test_a_point_that_rules_is_named():
+    curve = frame_curve(displacement=np.linspace(3e-3, 34e-3, 16))
+    curve.force[8] *= 1.5
+    found = calibrate(frame(), curve, kind="picture-frame")
+    text = next(remark for remark in found.remarks() if "makes up" in remark)
+    assert text.startswith("The point at 19.53 mm, ")
+    others = 100.0 * np.sqrt(np.mean(np.delete(found.residuals, 8) ** 2))
+    assert f"RMS of the others is {others:.2f} %" in text
+    assert others < 3.0 < 7.0 < 100.0 * found.rms
+    even = replace(found, loads=found.curve.force * 1.05)
+    assert even.ruling_point() is None
+
+
+def test_points_that_no_law_gives_are_left_out():
+    """Where the yarns of a strip lie along the pull (41.4 mm); refused if most points are there."""
+    network, d = specimen(), 1e-3 * np.array([10.0, 20, 30, 38, 41.3, 42])
+    strip = Specimen(network, MeasuredCurve.from_points(d, d)).checked()
+    np.testing.assert_array_equal(strip.curve.displacement, d[:4])
+    assert strip.curve.rows == 6
+    assert "lie along the pull at 41.4214 mm" in strip.curve.notes[0]
+    assert "2 points from 41.3 mm on left out" in strip.curve.notes[0]
+    with pytest.raises(InputError, match="the data go to 420 mm, but the yarns"):
+        Specimen(network, MeasuredCurve.from_points(10 * d, d)).checked()
+    closed = MeasuredCurve.from_points(1e-3 * np.array([10.0, 20, 30, 40, 58.5, 59]), d)
+    square = Specimen(frame(), closed, "picture-frame").checked()
+    assert len(square.curve.force) == 4
+
+
+def test_verdict():
+    curve = frame_curve(displacement=np.linspace(3e-3, 34e-3, 9))
+    found = calibrate(frame(), curve, kind="picture-frame")
+    first, last = np.rad2deg([found.reached.min(), found.known_to])
+    assert found.verdict().startswith(f"the law from {first:.1f} to {last:.1f} deg (")
+    part = replace(
+        found, estimate=replace(found.estimate, errors=np.arange(len(found.angles)) * 0.1)
+    )
+    low, high = np.rad2deg([found.reached.min(), found.angles[2]])
+    assert part.verdict().startswith(f"the law from {low:.1f} to {high:.1f} deg (")
+    wrong = replace(found, loads=1.5 * found.loads)
+    assert wrong.verdict() == "none of the law: the network does not follow the curve (50 %)"
+    unknown = replace(found, estimate=replace(found.estimate, errors=np.ones(len(found.angles))))
+    assert unknown.verdict() == "none of the law: no part is known to 20 %"
+    other = predict(found, frame(), frame_curve(2.0), kind="picture-frame")
+    assert "does not foretell the second specimen (RMS 50 %)" in found.verdict(other)
+
+
+def test_loads_a_thousand_times_off():
+    """Asked by the closed formula and the fabric's own law; none where a cloth is just other."""
+    law = UNKNOWN.shear
+    for factor, question in {
+        1e-3: "1000 times smaller than those of the fabric's own shear law: is kN meant",
+        1e3: "1000 times larger than those of the fabric's own shear law: is N meant",
+        5.0: None,
+        0.1: None,
+    }.items():
+        square = Specimen(frame(), frame_curve(factor, law), "picture-frame")
+        loads = factor * net_load(net_angle(DISPLACEMENT, 0.1), law, 0.1, 0.2)
+        strip = Specimen(specimen(), MeasuredCurve.from_points(DISPLACEMENT, loads))
+        for each in (square, strip):
+            asked = each.unit_question()
+            assert asked is None if question is None else question in asked
+    other = specimen(angle="40 deg")  # without a closed formula nothing is asked
+    assert Specimen(other, MeasuredCurve.from_points(DISPLACEMENT, loads)).unit_question() is None
+
+
+def test_shear_force_of_a_frame():
+    """F_s/L = F/(2 L cos(theta)) as entered comes back as the force of the cross-head."""
+    shear = {
+        "law": "table", "quantity": "shear force per length", "angle": "deg", "force": "N/m",
+        "points": [[10, 4.0], [30, 9.0], [50, 30.0]],
+    }  # fmt: skip
+    fabric = Fabric.from_library("glass-pp-plain-1.93", {"shear": shear})
+    g = np.deg2rad([10.0, 30.0, 50.0])
+    d = np.sqrt(2.0 * 0.1**2 * (1.0 + np.sin(g))) - np.hypot(0.1, 0.1)
+    loads = loads_of(frame(), fabric.shear, d, kind="picture-frame")
+    half = 0.5 * (0.5 * np.pi - g)
+    np.testing.assert_allclose(loads / (2.0 * np.cos(half) * 0.1), [4.0, 9.0, 30.0], rtol=1e-4)
+
+
 # -- hold-out ----------------------------------------------------------------------------------
 
 
@@ -580,6 +633,32 @@ def test_another_specimen_is_predicted():
     before = predict(UNKNOWN.shear, other, further, loads_of(other, RISING, further))
     assert before.rms > 10.0 * told.rms_known
     assert not before.extrapolated.any()
+
+
+def test_whether_the_data_disagree():
+    """By the closed formula alone: frames, and strips of two sizes."""
+    found = calibrate(frame(), frame_curve(), kind="picture-frame")
+    same = predict(found, frame(), frame_curve(1.02), kind="picture-frame")
+    assert same.gap.mean == pytest.approx(0.02, abs=1e-6)
+    assert any("two data sets agree to 2 % (mean +2 %)" in remark for remark in same.remarks())
+    other = predict(found, frame(), frame_curve(0.7), kind="picture-frame")
+    assert other.gap.rms == pytest.approx(0.3, abs=1e-6)
+    low, high = np.rad2deg([other.gap.low, other.gap.high])
+    text = f"differ by 30 % (mean -30 %) from {low:.1f} to {high:.1f} deg: the two data sets disag"
+    assert any(text in remark for remark in other.remarks())
+    # Another size of one cloth: the formula of strips knows no size, and ends at 35 degrees.
+    wide, narrow = specimen(), specimen(size=("80 mm", "200 mm"))
+    a, b = (
+        MeasuredCurve.from_points(
+            DISPLACEMENT, net_load(net_angle(DISPLACEMENT, 0.2 - w), RISING, w, 0.2)
+        )
+        for w in (0.1, 0.08)
+    )
+    gap = formula_gap([Specimen(wide, a)], Specimen(narrow, b))
+    assert gap.rms < 0.02
+    assert np.rad2deg(gap.high) == pytest.approx(35.0)
+    other = specimen(angle="40 deg")
+    assert formula_gap([Specimen(other, a)], Specimen(narrow, b)) is None
 
 
 def test_hold_out_of_a_case(tmp_path):
@@ -641,11 +720,21 @@ def test_library_law_gives_the_published_curve():
 
 
 def test_calibration_of_the_published_curve(tmp_path):
-    """The whole way, on a coarser net, with all files; the law pasted into a case is the law."""
-    case = Case.load(DEMOS / "calibrate_glass_pp.toml", ["preform.yarns_per_cruciform=3"])
-    told = calibrate_case(MPI.COMM_SELF, case, DEMOS / "glass_pp_bias.csv", tmp_path, LOG)
-    assert told["rms_relative_error"] < 0.06
-    assert told["rms_relative_error"] < told["rms_relative_error_start"]
+    """As it was digitised: within 3 % over 42 of its 43 points, of which the last is named.
+
+    The whole way, on a coarser net, with all files; the law pasted into a case is the law.
+    """
+    case = Case.load(DEMOS / "calibrate_glass_pp.toml", ["preform.yarns_per_cruciform=4"])
+    digitised = Path(__file__).parent / "data" / "bias_glass_plain_115x230.csv"
+    told = calibrate_case(MPI.COMM_SELF, case, digitised, tmp_path, LOG)
+    assert told["rms_relative_error"] < 0.03 < told["rms_relative_error_start"]
+    assert told["largest_relative_error"] < 0.1
+    assert (told["points"], told["rows_measured"]) == (42, 43)
+    assert told["displacement_m"][0] == pytest.approx(0.35e-3, rel=0.01)
+    assert "1 point from 47.42 mm on left out" in told["remarks"][0]
+    assert not any("makes up" in remark for remark in told["remarks"])
+    assert told["verdict"].startswith("the law from 0.3 to ")
+    assert f"# May be used: {told['verdict']}"[:60] in (tmp_path / "law.toml").read_text()
     assert json.loads((tmp_path / "calibration.json").read_text())["law"] == told["law"]
     assert (tmp_path / "calibration.png").stat().st_size > 10_000
 
@@ -661,7 +750,7 @@ def test_calibration_of_the_published_curve(tmp_path):
     values = 1e3 * np.array([row["force_n_per_mm"] for row in parameters])
     np.testing.assert_allclose(law.evaluate(angle)[1], values, rtol=1e-3)  # four digits
     again = loads_of(
-        specimen(3, ("115 mm", "230 mm"), fabric=GLASS_PP), law, told["displacement_m"]
+        specimen(4, ("115 mm", "230 mm"), fabric=GLASS_PP), law, told["displacement_m"]
     )
     np.testing.assert_allclose(again, told["load_n"], rtol=2e-3)
 
@@ -671,7 +760,9 @@ def test_picture():
     square = frame()
     loads = loads_of(square, RISING, FRAME, kind="picture-frame")
     found = calibrate(square, FRAME, 1.02 * loads, kind="picture-frame")
-    curves, residuals, law = figure(found, "Frame").axes
+    drawn = figure(found, r"Frame $\frac{$")  # which is no formula
+    drawn.savefig(io.BytesIO())
+    curves, residuals, law = drawn.axes
     start, fit, data = (line.get_xydata().T for line in curves.lines)
     np.testing.assert_allclose(start, [[0.0, *1e3 * FRAME], [0.0, *found.start_loads]])
     np.testing.assert_allclose(fit, [[0.0, *1e3 * FRAME], [0.0, *found.loads]])

@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cruciform_petsc.cloth.fabric import Fabric, YarnFamily, fabric_names
+from cruciform_petsc.cloth.fabric import (
+    Fabric,
+    FabricTable,
+    ShearTable,
+    YarnFamily,
+    fabric_names,
+)
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.laws import linear, odd_polynomial, sin_powers, table
 
@@ -260,6 +266,29 @@ def test_shear_laws_from_a_table(shear, law):
     assert fabric.shear_modulus == pytest.approx(law.stiffness0, rel=1e-12)
 
 
+def test_quantity_of_a_shear_table():
+    """F_s/L of a picture frame times cos(gamma) is psi'; a table that names neither is asked."""
+    torque = SHEAR_TABLE | {"quantity": "torque per area"}
+    named = [
+        Fabric.from_table("f", PLAIN | {"shear": shear}).shear
+        for shear in (SHEAR_TABLE, torque, torque | {"quantity": "shear force per length"})
+    ]
+    assert named[0] == named[1]
+    x, y = np.radians([10, 40]), np.array([10.0, 200.0])
+    assert np.allclose(named[2].evaluate(x)[1], y * np.cos(x), rtol=1e-12)
+    asked = ShearTable.from_data(SHEAR_TABLE).question()
+    assert asked.startswith("fabric.shear does not name its quantity")
+    assert 'at 40 deg, a picture frame\'s "shear force per length" is 31 % more' in asked
+    assert ShearTable.from_data(torque).question() is None
+    small = SHEAR_TABLE | {"points": [[5, 0.01], [15, 0.02]]}
+    assert ShearTable.from_data(small).question() is None
+    assert ShearTable.from_data({"modulus": "1 N/cm"}).question() is None
+    with pytest.raises(InputError, match="takes modulus without law, not quantity"):
+        ShearTable.from_data({"modulus": "1 N/cm", "quantity": "torque per area"})
+    with pytest.raises(InputError, match='must be "torque per area" or "shear force per length"'):
+        ShearTable.from_data(SHEAR_TABLE | {"quantity": "force"})
+
+
 def test_tension_law_from_a_table():
     """It stands for the modulus of its family only."""
     warp = {"tension": TENSION_TABLE, "poisson": 0, "yarns": "2 /cm"}
@@ -353,7 +382,8 @@ def test_with_shear_law():
         ),
         (
             {"weft_law": linear(1.0)},
-            "fabric.weft.modulus must be the slope of its law at zero, 0.01 N/cm, got 130 N/cm",
+            "fabric.weft.modulus must be the slope of its law at zero, 0.01 N/cm, got 130 N/cm\n"
+            "fabric.weft.tension is a law, which needs fabric.weft.poisson = 0, got 0.1125",
         ),
         ({"compression": 0.0}, "fabric.tension.compression must be above 0 and at most 1, got 0"),
         ({"compression": 2.0}, "fabric.tension.compression must be above 0 and at most 1, got 2"),
@@ -483,3 +513,45 @@ def test_bad_laws_in_a_table(change, message):
     with pytest.raises(InputError) as caught:
         Fabric.from_table("f", PLAIN | change)
     assert str(caught.value) == message
+
+
+# -- what may be left out ---------------------------------------------------------------------
+
+
+def of_poisson(warp, weft):
+    """A cloth of unlike moduli, with these ratios; None: left out."""
+    table = {"shear": {"modulus": "1 N/cm"}}
+    for side, modulus, poisson in (("warp", "600 N/cm", warp), ("weft", "250 N/cm", weft)):
+        table[side] = {"modulus": modulus, "yarns": "2 /cm"}
+        table[side] |= {} if poisson is None else {"poisson": poisson}
+    table = FabricTable.from_data(table, "fabric")
+    return table.build("x"), table.filled_in()
+
+
+def test_poisson_ratios_that_are_left_out():
+    """Zero, or what reciprocity says: nu_weft E_warp = nu_warp E_weft."""
+    fabric, said = of_poisson(None, None)
+    assert (fabric.warp.poisson, fabric.weft.poisson) == (0.0, 0.0)
+    assert said == ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
+    fabric, said = of_poisson(0.6, None)
+    assert fabric.weft.poisson == pytest.approx(0.25)
+    assert said == ["fabric.weft.poisson is taken as 0.25, by reciprocity"]
+    fabric, said = of_poisson(None, 0.25)
+    assert fabric.warp.poisson == pytest.approx(0.6)
+    assert said == ["fabric.warp.poisson is taken as 0.6, by reciprocity"]
+    fabric, said = of_poisson(0, None)
+    assert fabric.weft.poisson == 0.0
+    assert of_poisson(0.6, 0.25)[1] == []
+
+
+def test_moduli_have_limits():
+    """In Python, too; and so have the slopes that laws begin with."""
+    family = YarnFamily(1e12, 0.0, 200.0)
+    assert Fabric("x", family, family, 1e-12).shear_modulus == 1e-12
+    with pytest.raises(InputError, match=r"fabric.shear.modulus must be from 1e-14 N/cm to"):
+        Fabric("x", family, family, 1e-300)
+    with pytest.raises(InputError, match=r"fabric.warp.modulus must be from .*got 1e\+298 N/cm"):
+        Fabric("x", replace(family, modulus=1e300), family, 1.0)
+    points = {"law": "table", "angle": "rad", "force": "N/m", "points": [[1e-300, 1e-3], [1, 1]]}
+    with pytest.raises(InputError, match=r"fabric.shear"):
+        Fabric.from_library("e-glass-plain-2.4", {"shear": points})

@@ -3,6 +3,7 @@
 
 import math
 import pickle
+import time
 
 import numpy as np
 import pytest
@@ -175,12 +176,14 @@ def test_own_edges():
         (
             square(0, 0, 9),
             [square(0, 2)],
-            "hole-1 of preform.outline touches or leaves the outline, it must lie wholly inside",
+            "hole-1 of preform.outline (1000 mm x 1000 mm) touches or leaves the outline "
+            "(9000 mm x 9000 mm), it must lie wholly inside",
         ),
         (
             square(0, 0, 9),
             [square(1, 1), square(20, 2)],
-            "hole-2 of preform.outline touches or leaves the outline, it must lie wholly inside",
+            "hole-2 of preform.outline (1000 mm x 1000 mm) touches or leaves the outline "
+            "(9000 mm x 9000 mm), it must lie wholly inside",
         ),
         (
             square(0, 0, 9),
@@ -298,3 +301,14 @@ def test_pickles_and_repr():
         "Preform(24 mm x 36 mm, area 8.64 cm^2, 0 holes, bias 45 deg, refine 2, "
         "yarns_per_cruciform 1)"
     )
+
+
+def test_thousands_of_holes():
+    """Not all pairs of them are looked at: 3,600 take under a second; two that touch are found."""
+    begin = time.process_time()
+    holes = [square(2 * i + 1, 2 * j + 1) for i in range(60) for j in range(60)]
+    outline = [[f"{x} m" for x in corner] for corner in square(0, 0, 122)]
+    assert len(Preform.polygon(outline, holes).edges) > 3600
+    with pytest.raises(InputError, match="hole-1201 and hole-3601 of preform.outline touch"):
+        Preform.polygon(outline, [*holes, square(2 * 20 + 2, 1)])
+    assert time.process_time() - begin < 6.0

@@ -11,6 +11,7 @@ from cruciform_petsc.net.lattice import (
     OPPOSITE,
     QUADRANTS,
     SNAP,
+    areas_within,
     boundary_segments,
     cells_cut,
     quadrant_areas,
@@ -324,3 +325,19 @@ def test_lost_area_is_of_sharp_corners():
 def test_no_crossovers_no_areas():
     """A rank may have none near the outline."""
     assert quadrant_areas(np.empty((0, 2), int), None, shapely.box(0, 0, 1, 1)).shape == (0, 4)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_areas_within_many_boxes(seed):
+    """Cut in halves or each by itself: the same areas, with holes, too."""
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    radius = 10 * (1 + 0.2 * np.sin(9 * angle))
+    centres = [(x, y) for x in range(-5, 6, 2) for y in range(-5, 6, 2)]
+    holes = [shapely.box(x - 0.5, y - 0.5, x + 0.5, y + 0.5).exterior.coords for x, y in centres]
+    star = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    outline = shapely.Polygon(star, holes)
+    low = np.unique(rng.integers(-26, 26, (800, 2)), axis=0) / 2
+    boxes = shapely.box(*low.T, *(low.T + 0.5))
+    expected = shapely.area(shapely.intersection(outline, boxes))
+    np.testing.assert_allclose(areas_within(outline, boxes), expected, rtol=0, atol=1e-14)

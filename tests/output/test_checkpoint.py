@@ -410,6 +410,20 @@ FORGED = {
     "load beyond numbers": setting("run", "increments", 0, "load", 10**400),
     "whole number that is none": setting("run", "increments", 0, "iterations", 2.5),
     "huge whole number": setting("run", "increments", 0, "iterations", 10**4000),
+    "linear iterations beyond doubles": setting("run", "increments", 0, "linear_iterations", 2**53),
+    "mended tangents beyond doubles": setting("run", "increments", 0, "shifted", 10**30),
+    "cuts beyond doubles": setting("run", "increments", 0, "cuts", 2**53),
+    "a load that overflows": setting("run", "increments", 0, "load", 1e300),
+    "an energy that overflows": setting("run", "increments", 0, "energies", "tension", 1e300),
+    "energies of other modes": setting("run", "increments", 0, "energies", {"heat": 1.0}),
+    "energies with escapes": lambda data: (
+        [step["energies"].update({"\x1b[2J": 1.0}) for step in data["run"]["increments"]] and None
+    ),
+    "a path's load that overflows": setting("run", "path", "load", 1e300),
+    "rows beyond 32 bits": setting("rows", [2**31]),
+    "a long name": setting("run", "determines", {"x" * 1_000_000: 1}),
+    "a long case": setting("run", "case", "title", "x" * 1_000_000),
+    "a case of large numbers": setting("run", "case", "test", "increments", 10**30),
     "yes and no": setting("run", "increments", 0, "asked", 1),
     "an increment's energies": setting("run", "increments", 0, "energies", [1.0]),
     "a nested history": setting("run", "increments", 0, "history", [[1.0]]),
@@ -445,6 +459,7 @@ def test_forged_manifests_are_refused(copy, what):
     text = refused(copy)
     assert "begin anew" in text
     assert text.isprintable()
+    assert len(text) < 1000
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from cruciform_petsc.output.folder import (
     OF_CALIBRATION,
     OF_RUN,
     locked,
-    open_regular,
     prepare_directory,
 )
 from cruciform_petsc.output.tables import write_csv, write_json
@@ -210,17 +209,6 @@ def test_manifests_that_are_no_files(tmp_path, kind):
     (out / "curve.csv").unlink()
     run_case(COMM, made(), out, LOG)
     assert target.read_text() == '{"program": "cruciform_petsc", "files": ["curve.csv"]}'
-
-
-def test_only_regular_files_are_opened(tmp_path):
-    (tmp_path / "file").write_text("x")
-    (tmp_path / "link").symlink_to(tmp_path / "file")
-    os.mkfifo(tmp_path / "pipe")
-    with open_regular(tmp_path / "file") as file:
-        assert file.read() == b"x"
-    for path in (tmp_path / "link", tmp_path / "pipe", tmp_path, tmp_path / "none"):
-        with pytest.raises(OSError):
-            open_regular(path)
 
 
 # -- links -----------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import json
 import logging
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mpi4py import MPI
 from cruciform_petsc.calibration.curve import MeasuredCurve
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
+from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.compare import (
     against_measured,
     compare,
@@ -25,10 +27,11 @@ from cruciform_petsc.compare import (
     value_at,
 )
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
 from cruciform_petsc.output.report import CAPTIONS, curve_table, fabric, gallery, numbers
 from cruciform_petsc.quantities import force_text
-from cruciform_petsc.run import run_case
+from cruciform_petsc.run import check_case, run_case
 
 COMM = MPI.COMM_SELF
 LOG = logging.getLogger("test_report")
@@ -313,6 +316,67 @@ def test_measured_data_that_are_not_there_stop_a_run_before_it_begins(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+DATA = Path(__file__).parents[1] / "calibration" / "data"
+
+
+def checked(caplog, measured, **changes):
+    """What check says of a case with measured data."""
+    caplog.clear()
+    with caplog.at_level("INFO"):
+        check_case(COMM, made(measured, **changes), LOG)
+    return caplog.text
+
+
+def test_check_asks_for_the_unit(caplog, tmp_path):
+    """Loads of the fabric's own law a thousand times too small or large, and as they should be."""
+    d = np.linspace(0.2, 3.0, 8)
+    length, width, law = 0.06, 0.024, Fabric.from_library("e-glass-plain-2.4").shear
+    half = 0.5 * net_angle(1e-3 * d, length - width)
+    torque = (2 * length - 3 * width) * law.evaluate(2 * half)[1] + width * law.evaluate(half)[1]
+    f = torque / ((length / width - 1) * (np.cos(half) - np.sin(half)))
+    pairs = list(zip(d, f, strict=True))
+    path, long = tmp_path / "m.csv", {"outline": {"rectangle": ["2.4 cm", "6 cm"]}}
+    for unit, question in {
+        "N": None, "mN": "is N meant in place of kN", "kN": "is kN meant in place of N",
+    }.items():  # fmt: skip
+        scale = {"N": 1.0, "mN": 1e3, "kN": 1e-3}[unit]
+        path.write_text("d [mm],F [N]\n" + "".join(f"{a},{scale * b}\n" for a, b in pairs))
+        text = checked(caplog, path, preform=long)
+        assert ("meant in place" in text) == (question is not None)
+        assert question is None or "warning       the measured loads are 1000 times" in text
+        assert question is None or question in text
+
+
+def test_a_run_asks_for_the_unit(tmp_path):
+    """Also where no closed formula holds: this specimen is shorter than twice its width."""
+    path = tmp_path / "m.csv"
+    path.write_text("d [mm],F [N]\n0.5,.001\n1,.002\n1.5,.003\n2,.004\n")
+    summary = run_case(COMM, made(path, output={"pictures": False}), tmp_path, LOG)
+    (question,) = [text for text in summary["warnings"] if "meant in place of" in text]
+    assert "times smaller than those computed: is kN meant in place of N in the data?" in question
+
+
+def test_measured_columns_and_what_was_left_out(caplog, tmp_path):
+    with pytest.raises(InputError, match='measured_columns = "Extension \\(mm\\),Load'):
+        checked(caplog, DATA / "two_extensions.csv")
+    named = {"measured_columns": "Extension (mm),Load (N)"}
+    assert "measured data" not in checked(caplog, DATA / "two_extensions.csv", output=named)
+    text = checked(caplog, DATA / "rupture_tail.csv")
+    assert "warning       measured data: The force falls behind its largest, 6.75 N" in text
+    summary = run_case(
+        COMM, made(DATA / "rupture_tail.csv", output={"pictures": False}), tmp_path, LOG
+    )
+    assert any("force falls behind its largest" in sentence for sentence in summary["warnings"])
+    assert summary["measured"]["points_measured"] == 20
+
+
+def test_check_asks_what_a_shear_table_is(caplog):
+    points = {"law": "table", "angle": "deg", "force": "N/mm", "points": [[5, 0.01], [40, 0.2]]}
+    assert "does not name its quantity" in checked(caplog, None, fabric={"shear": points})
+    points["quantity"] = "torque per area"
+    assert "quantity" not in checked(caplog, None, fabric={"shear": points})
+
+
 # -- compare ---------------------------------------------------------------------------------------
 
 
@@ -324,6 +388,18 @@ def results(folder, load, shear, extension=(1.0, 2.0), kind="bias-extension", fi
     (folder / "curve.csv").write_text("\n".join(rows) + "\n")
     (folder / "summary.json").write_text(json.dumps({"title": folder.name, "kind": kind}))
     return folder
+
+
+def test_compared_with_one_of_two_extensions(tmp_path, capsys):
+    """--columns once for all files; the folder of a run needs none."""
+    a = results(tmp_path / "a", [0.7, 0.8], [10.0, 21.0], extension=(2.0, 4.0))
+    path, out = str(DATA / "two_extensions.csv"), str(tmp_path / "out")
+    assert main(["compare", str(a), path, "--output", out]) == 2
+    assert "say which counts, --columns" in capsys.readouterr().err
+    named = ["--columns", "Extension (mm),Load (N)"]
+    assert main(["compare", str(a), path, "--output", out, *named]) == 0
+    assert main(["compare", str(a), path, "--output", out, *named, *named]) == 2
+    assert "--columns was given 2 times for 1 files" in capsys.readouterr().err
 
 
 def test_two_results_by_hand(tmp_path):

@@ -74,3 +74,20 @@ def test_a_bad_curve_is_told_on_every_rank(tmp_path):
     case = Case.load(DEMOS / "calibrate_glass_pp.toml")
     with pytest.raises(InputError, match="does not exist"):
         calibrate_case(COMM, case, tmp_path / "no.csv", tmp_path, logging.getLogger("quiet"))
+
+
+def test_no_worse_than_the_start_on_all_ranks():
+    """The second search, at the start's own angles, is every rank's; its law is one rank's."""
+    d = np.linspace(2e-3, 34e-3, 8)
+    stairs = np.repeat([1.0, 4.0, 16.0, 64.0], 2)
+    preform = Preform.rectangle("100 mm", "100 mm", "0 deg", yarns_per_cruciform=5)
+    fabric = Fabric.from_library("glass-pp-plain-1.93")
+    found, alone = (
+        calibrate(Network(comm, preform, fabric), d, stairs, kind="picture-frame")
+        for comm in (COMM, MPI.COMM_SELF)
+    )
+    assert found.rms <= 1.001 * found.start_rms
+    assert len(found.angles) == len(d)
+    np.testing.assert_allclose(found.values, alone.values, rtol=1e-4)
+    assert found.message == alone.message
+    assert COMM.allreduce(1) == COMM.size

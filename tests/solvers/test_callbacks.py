@@ -115,10 +115,10 @@ def test_no_linear_solution_is_no_equilibrium():
 
 
 def test_errors_of_petsc_stay_what_they_are():
-    """Also after a callback's exception that was dealt with."""
+    """Faults of the program; also after a callback's exception that was dealt with."""
     one, two = (PETSc.Vec().createSeq(size) for size in (1, 2))
     for _ in range(2):
-        with pytest.raises(PETSc.Error), calling_back(one):
+        with pytest.raises(PETSc.Error, match="error code 75"), calling_back(one):
             one.axpy(1.0, two)
         with pytest.raises(ValueError, match="first"):
             callback(lambda: int("first"))()

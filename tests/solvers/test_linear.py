@@ -135,10 +135,9 @@ def test_indefinite_matrix():
 
 
 def test_preconditioner_that_cannot_be_set_up():
-    """PETSc's refusal becomes the program's own error."""
-    with pytest.raises(SolverError, match="could not be set up") as caught:
+    """PETSc's refusal becomes the program's own error, with what PETSc says."""
+    with pytest.raises(InputError, match="KSP minres does not support norm type UNPRECOND"):
         LinearSolver(diagonal_matrix(1.0, 2.0), options={**ITERATIVE, "ksp_type": "minres"})
-    assert caught.value.reason == "SETUP"
 
 
 def test_not_a_number():
@@ -300,7 +299,7 @@ def test_gamg_knows_the_turning_squares(monkeypatch):
     ("options", "message"),
     [
         ({"pc_type": "foo"}, "-membrane_pc_type .from the command line. is 'foo'"),
-        ({"pc_type": "jacobi", "ksp_rtol": "foo"}, "does not accept one of the options -membrane_"),
+        ({"pc_type": "jacobi", "ksp_rtol": "foo"}, "options -membrane_.* foo has no numeric value"),
     ],
 )
 def test_options_that_petsc_refuses(options, message):
