@@ -27,6 +27,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
+# Columns that tell how equilibrium was found, which need not be the same.
+EFFORT = ("newton_iterations", "residual_N", "tolerance_N", "cuts", "seconds")
 # No import of cruciform_petsc or mpi4py: this process starts mpirun and is no rank itself.
 
 CASE = """
@@ -93,7 +95,8 @@ def read_curve(folder: Path) -> dict[str, list[float]]:
     """Columns of a curve."""
     with (folder / "curve.csv").open() as file:
         rows = list(csv.DictReader(file))
-    return {name: [float(row[name] or "nan") for row in rows] for name in rows[0]}
+    names = [name for name in rows[0] if name not in EFFORT]  # how long it took is no matter
+    return {name: [float(row[name] or "nan") for row in rows] for name in names}
 
 
 def difference(one: dict[str, list[float]], other: dict[str, list[float]]) -> float:
@@ -170,8 +173,8 @@ class Killer:
         return process.wait()
 
     def reached(self) -> int:
-        """Accepted increments that the table of increments on the disk tells of."""
-        path = self.results / "increments.csv"
+        """Accepted increments that the curve on the disk tells of."""
+        path = self.results / "curve.csv"
         return max(len(path.read_text().splitlines()) - 1, 0) if path.exists() else 0
 
 

@@ -5,7 +5,7 @@ In the folder ``checkpoint`` of the results lie the folders
 
 - ``newest`` and ``previous``: after each of the last two accepted increments, what it takes to go
   on: the case, the histories of all increments, and positions of the last three states;
-- ``state-N``: positions of the N-th state that was asked for, which the results need.
+- ``state-N``: positions after the N-th increment, which the results need.
 
 In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and
 positions, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
 HEADER = 2**12  # bytes that NumPy puts before an array, at most
-FORMAT = 2  # 1: files, of version 0.1.0
+FORMAT = 3  # 1: files, of version 0.1.0; 2: states asked for only, of 0.2.0
 PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
 ANEW = f"begin anew with {typed_before()}cruciform-petsc run"
 
@@ -101,7 +101,7 @@ class _Run(_Table):
     increments: list[Increment]
     controls: Annotated[list[float], Field(min_length=1, max_length=3)]  # of the positions
     path: _Path
-    states: list[Hash]  # of the manifests of states asked for
+    states: list[Hash]  # of the manifests of the states after each increment
 
     def is_way_through(self, case: Case) -> bool:
         """Whether increments lead through the values asked for to where the path is."""
@@ -125,7 +125,9 @@ class _Run(_Table):
         return (
             len(modes) <= 1
             and all(re.fullmatch(r"[a-z_]{1,40}", mode) for names in modes for mode in names)
-            and self.path.target == asked == len(self.states)
+            and self.path.target == asked
+            and len(self.states) == len(self.increments)
+            and len({tuple(increment.columns) for increment in self.increments}) < 2
             and self.controls[-1] == before
             and (by_load or {0.0, *controls}.issuperset(self.controls))
             and len(set(self.controls)) == len(self.controls)
@@ -161,7 +163,7 @@ class _Manifest(_Table, _Head):
     arrays: _Arrays
     rows: Annotated[list[Rows], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
-    run: _Run | None  # not of a state asked for
+    run: _Run | None  # not of a state after an increment
 
 
 def _record(positions: Sequence[int]) -> np.dtype:
@@ -244,7 +246,7 @@ class _Part:
 
     @property
     def run(self) -> _Run:
-        """What it takes to go on; a DamagedError if it is a state asked for."""
+        """What it takes to go on; a DamagedError if it is but a state."""
         if self.manifest.run is None:
             raise _senseless(self.folder)
         return self.manifest.run
@@ -323,7 +325,7 @@ class Checkpoint:
         self.increments: list[Increment] = []
         self.notes: list[str] = []
         self._source: _Part | None = None  # what to go on from
-        self._states: list[str] = []  # checksums of the states asked for
+        self._states: list[str] = []  # checksums of the states after each increment
         self._newest_is_good = False
 
     @classmethod
@@ -417,16 +419,24 @@ class Checkpoint:
         states = map(state_at, run.controls, part.positions(nodes, len(run.controls)))
         path = StagePath(list(states), **run.path.model_dump())
         asked = []
-        reached = [increment.control for increment in self.increments if increment.asked]
-        for number, (seal, control) in enumerate(zip(self._states, reached, strict=True), 1):
-            try:
-                part = _Part.open(self.comm, self.folder / f"state-{number}")
-            except DamagedError as error:
-                raise InputError(f"{error}; {ANEW}") from None
-            if part.seal != seal:
-                raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
-            asked.append(state_at(control, part.positions(nodes, 1)[0]))
+        for number, increment in enumerate(self.increments):
+            part = self._state(number)  # looked at in any case
+            if increment.asked:
+                asked.append(state_at(increment.control, part.positions(nodes, 1)[0]))
         return path, asked
+
+    def positions(self, nodes: Nodes, number: int) -> np.ndarray:
+        """Positions (n_local, dim) after an increment, by its number; errors as of `restore`."""
+        return self._state(number).positions(nodes, 1)[0]
+
+    def _state(self, number: int) -> _Part:
+        try:
+            part = _Part.open(self.comm, self.folder / f"state-{number + 1}")
+        except DamagedError as error:
+            raise InputError(f"{error}; {ANEW}") from None
+        if part.seal != self._states[number]:
+            raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
+        return part
 
     def write(self, nodes: Nodes, path: StagePath, increments: list[Increment]) -> None:
         """Keep what has been reached by all increments that were accepted.
@@ -434,9 +444,9 @@ class Checkpoint:
         An InputError on every rank if the place cannot be written to; the last good checkpoint is
         still there then.
         """
-        asked = sum(bool(increment.asked) for increment in increments)
-        if asked > len(self._states):
-            self._states.append(self._put(nodes, f"state-{asked}", [path.state.x], None))
+        count = len(increments)
+        if count > len(self._states):
+            self._states.append(self._put(nodes, f"state-{count}", [path.state.x], None))
         run = {
             "case": self.case.model_dump(),
             "determines": determines(self.case),

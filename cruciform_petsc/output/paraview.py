@@ -48,7 +48,8 @@ def write(result: TestResult, path: str | Path) -> None:
     InputError
         On every rank: the place cannot be written to. Nothing is left there then.
     """
-    write_any = write_series if len(result.states) > 1 else write_state
+    several = max(len(result.states), len(result.increments)) > 1
+    write_any = write_series if several else write_state
     write_any(path, result, file_notes(result))
 
 
@@ -83,24 +84,28 @@ def write_state(
 
 
 def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
-    """Write all states, after the one at rest, to one ``.vtkhdf`` file with time. Collective.
+    """Write the states after all increments to one ``.vtkhdf`` file with time. Collective.
 
-    Time is the control of the test in the curve's unit, or the number of the state where controls
-    do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds them. Cells and
-    what does not change with time are in the file once; data as in `write_state`.
+    The state at rest is the first. Time is the control of the test in the curve's unit, or the
+    number of the state where controls do not ascend: the attribute ``time_is`` tells which;
+    ``controls`` always holds them, and ``asked`` is 1 where a value was asked for. Cells and what
+    does not change with time are in the file once; data as in `write_state`.
     """
     network, column, first = result.network, result.experiment.column, result.states[0]
     fields = {
         name: value if value.dtype == bool else np.zeros_like(value)
         for name, value in first.fields.items()
     }
-    states = [State(0.0, 0.0, fields, np.zeros_like(first.node_displacement)), *result.states]
-    controls = np.array([state.control / column.scale for state in states])
+    rest = State(0.0, 0.0, fields, np.zeros_like(first.node_displacement))
+    told = [(step.control, step.asked) for step in result.increments]
+    told = told or [(state.control, True) for state in result.states]
+    controls, asked = np.array([(0.0, False), *told]).T
+    controls = controls / column.scale
     ascending = (np.diff(controls) > 0).all()
     time_is = column.column if ascending else "state"
-    notes = {**(notes or {}), "time_is": time_is, "controls": controls}
-    times = controls if ascending else np.arange(len(states), dtype=float)
-    steps = (_arrays(network, state) for state in states)
+    notes = {**(notes or {}), "time_is": time_is, "controls": controls, "asked": asked.astype(int)}
+    times = controls if ascending else np.arange(len(controls), dtype=float)
+    steps = (_arrays(network, state) for state in chain([rest], result.every_state()))
     _write_by_rank(network.comm, path, steps, notes, times)
 
 
