@@ -5,7 +5,8 @@
 - Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
   their `solve()` gives a `TestResult`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
-- Case files: `Case`. Errors: `CruciformError` and its kinds `InputError`, `SolverError`.
+- Case files: `Case`. Errors: `CruciformError` and its kinds `InputError`, `SolverError`; what is
+  hardly meant is an `InputWarning`.
 
 `help(cruciform_petsc.Network)` tells more of each, README.md has a script to begin with. Names
 are loaded when they are first used, so that the command line can hand its options to PETSc before
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from .continuum.compare import compare_with_membrane as compare_with_membrane
     from .errors import CruciformError as CruciformError
     from .errors import InputError as InputError
+    from .errors import InputWarning as InputWarning
     from .errors import SolverError as SolverError
     from .experiments.bias_extension import BiasExtension as BiasExtension
     from .experiments.biaxial import Biaxial as Biaxial
@@ -46,7 +48,7 @@ _NAMES = {
     "cloth.fabric": ("Fabric", "YarnFamily"),
     "cloth.preform": ("Preform",),
     "continuum.compare": ("compare_with_membrane",),
-    "errors": ("CruciformError", "InputError", "SolverError"),
+    "errors": ("CruciformError", "InputError", "InputWarning", "SolverError"),
     "experiments.bias_extension": ("BiasExtension",),
     "experiments.biaxial": ("Biaxial",),
     "experiments.cantilever": ("Cantilever",),

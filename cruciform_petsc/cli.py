@@ -17,6 +17,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from functools import partial
@@ -27,7 +28,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from .errors import CruciformError, InputError, harmless
+from .errors import CruciformError, InputError, InputWarning, harmless, typed_before
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -193,7 +194,8 @@ def _agree(control: MPI.Intracomm, failure: CruciformError | None) -> int:
 
 def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
-    text = harmless(" ".join(str(failure).split()))
+    problems = failure.args if isinstance(failure, InputError) else [failure]
+    text = "\n  ".join(harmless(" ".join(str(problem).split())) for problem in problems)
     print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
 
 
@@ -215,6 +217,7 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
     except SystemExit:  # --help and --version; wrong arguments are InputErrors
         return
     args.log = _logger(comm, args)
+    warnings.simplefilter("ignore", InputWarning)  # the log tells
     args.running = running
     _start_petsc(comm, petsc_options)
     args.work(comm, args)
@@ -316,7 +319,7 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         text = new_case(args.kind).rstrip()
     else:
         on_root(comm, lambda: write_new_case(args.kind, args.file))
-        text = f'wrote "{args.file}"; try: {PROGRAM} check {args.file}'
+        text = f'wrote "{args.file}"; try: {typed_before()}{PROGRAM} check {args.file}'
     if comm.rank == 0:
         print(harmless(text))
 

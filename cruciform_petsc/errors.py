@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Errors that a user can act on: one sentence each, raised on every rank alike."""
 
+import os
 import re
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any
 
@@ -32,7 +35,34 @@ class CruciformError(Exception):
 
 
 class InputError(CruciformError):
-    """Something in the case, the fabric, the outline or the file system is wrong."""
+    """Something in the case, the fabric, the outline or the file system is wrong.
+
+    ``args`` are the problems, if there are several: one sentence each, lines of the message.
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(harmless(" ".join(str(problem).splitlines())) for problem in self.args)
+
+
+class Problems(list[str]):
+    """Sentences about input, gathered so that all of them are told at once."""
+
+    @contextmanager
+    def caught(self) -> Iterator[None]:
+        """Add the problems of an InputError raised inside."""
+        try:
+            yield
+        except InputError as error:
+            self.extend(map(str, error.args))
+
+    def tell(self) -> None:
+        """Raise them, each once, as one InputError if there are any."""
+        if self:
+            raise InputError(*dict.fromkeys(self))
+
+
+class InputWarning(UserWarning):
+    """Something in the fabric, the outline or the test is hardly meant, but can be."""
 
 
 class SolverError(CruciformError):
@@ -62,6 +92,12 @@ class EquilibriumError(SolverError):
         super().__init__(message, reason, history)
         self.place = place
         self.result: Any = None
+
+
+def typed_before() -> str:
+    """What stands before commands that a message proposes: "scripts/fenicsx " as it was typed."""
+    by = os.environ.get("CRUCIFORM_PETSC_BY", "")
+    return f"{shlex.quote(by)} " if by else ""
 
 
 def cut(text: str, most: int = 80) -> str:

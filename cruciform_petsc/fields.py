@@ -19,7 +19,7 @@ from .units import LIMITS, MEASURES, Quantity, format_si
 _DEEPEST, _MOST_KEYS, _MOST_VALUES = 16, 200, 300_000  # of a case: nesting, of a table, of all
 _MOST_ROWS = 10_000  # of a list
 _LONGEST = 4096  # of a text: the longest path that Linux takes
-_MOST_PROBLEMS = 3  # in one sentence; a fourth is better told after these are mended
+_MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
 class _Read:
@@ -195,7 +195,7 @@ class Table(BaseModel):
         """Check plain data as they stand in a case file, at `key` of it.
 
         ``bare``: numbers without unit are in SI already (scripts may give them, case files not).
-        Raises InputError, one sentence of up to three problems.
+        Raises InputError with all problems, a sentence each.
         """
         data = _plain(data, key)
         try:
@@ -204,8 +204,7 @@ class Table(BaseModel):
             sentences = (_sentence(cls, data, key, dict(e)) for e in error.errors())
             problems = list(dict.fromkeys(sentences))
         more = len(problems) - _MOST_PROBLEMS
-        tail = f"; and {more} more" if more > 0 else ""
-        raise InputError("; ".join(problems[:_MOST_PROBLEMS]) + tail)
+        raise InputError(*problems[:_MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else []))
 
     @classmethod
     def keys(cls) -> list[str]:

@@ -206,6 +206,11 @@ class Potential:
         """Where a table ends and the law goes on straight; infinite for formulas."""
         return float(self.knots[-1]) if self.data[0] == TABLE else np.inf
 
+    @property
+    def knots(self) -> np.ndarray:
+        """Points x of a table, with the origin; of formulas none."""
+        return self.packed[2 : 3 + int(self.data[1])] if self.data[0] == TABLE else np.empty(0)
+
 
 def linear(stiffness: float) -> Potential:
     """The law w' = stiffness x."""
@@ -241,8 +246,8 @@ def table(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> P
     """Run w' through points and the origin, by monotone cubics (Fritsch and Carlson's PCHIP).
 
     Odd in x; beyond the last point it goes straight on with the slope there. x (n,) ascends from
-    zero or above; y at x = 0, if given, is 0. Raises InputError if that is not so, if a point is
-    not finite, or if x and y differ in length.
+    zero or above; y is nowhere below zero, and at x = 0, if given, it is 0. Raises InputError if
+    that is not so, if a point is not finite, or if x and y differ in length.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -262,6 +267,9 @@ def table(x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray) -> P
         raise InputError(f"a law's table must be zero at zero, got {points[1, 0]:g}")
     if points.shape[1] < 2 or not (np.diff(points[0]) > 0).all():
         raise InputError("a law's table needs ascending, positive values in its first column")
+    if min(y) < 0.0:
+        which = 1 + int(np.argmax(np.less(y, 0.0)))
+        raise InputError(f"a law's table must not go below zero, as its point {which} does")
     with np.errstate(all="ignore"):  # looked at below
         if points.shape[1] == 2:  # a straight line
             slope = points[1, 1] / points[0, 1]

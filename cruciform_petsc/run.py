@@ -51,8 +51,11 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
-    for sentence in case.experiment(network).check():
+    experiment = case.experiment(network)
+    for sentence in experiment.check():
         log.info("%s%s", INDENT, sentence)
+    for sentence in experiment.remarks:
+        log.warning("warning       %s", sentence)
 
 
 def run_case(
@@ -151,6 +154,9 @@ class _Run:
         logs.tell_program(log, self.comm.size)
         network, statistics = _make_network(self.comm, case, self.stages)
         experiment = case.experiment(network)
+        self.summary["warnings"] = experiment.remarks
+        for sentence in experiment.remarks:
+            log.warning("warning       %s", sentence)
         result = self._solve(experiment)
         logs.tell_solver(log, result)
         hanging = self.comm.allreduce(result.supports.num_hanging)
@@ -162,9 +168,8 @@ class _Run:
         summary |= summarize(case, result, statistics, hanging)
         if self.checkpoint is not None and self.checkpoint.increments:
             summary["resumed_after_increments"] = len(self.checkpoint.increments)
-        summary["warnings"] = warnings(result)
-        summary["warnings"] += _remarks(case, network, self.measured)
-        for sentence in summary["warnings"]:
+        for sentence in [*warnings(result), *_remarks(case, network, self.measured)]:
+            summary["warnings"] = [*summary["warnings"], sentence]
             log.warning("warning       %s", sentence)
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)

@@ -414,9 +414,11 @@ def end_of(arguments: list[str]) -> tuple[str, str]:
 
 def judged(code: int, text: str) -> str:
     """An end, by exit code and stderr."""
-    one_sentence = text.count("\n") == 1 and text.startswith("cruciform-petsc: ")
-    one_sentence = one_sentence and harmless(text) == text
-    return OK if code == 0 and not text else REFUSED if code == 2 and one_sentence else FAULT
+    # A sentence, or one for each problem, on lines of their own below the first.
+    first, *more = text.splitlines() or [""]
+    told = first.startswith("cruciform-petsc: ") and all(line.startswith("  ") for line in more)
+    told = told and all(harmless(line) == line for line in text.splitlines())
+    return OK if code == 0 and not text else REFUSED if code == 2 and told else FAULT
 
 
 def work(connection: Connection, folder: str) -> None:

@@ -116,8 +116,9 @@ BAD_INPUT = {
             "--set",
             'preform.outline={polygon=[["0 cm", "5 cm"], ["2 cm", "0 cm"], ["5 cm", "5 cm"]]}',
         ],
-        'test.kind = "bias-extension": preform has no edge "lower" (no straight piece of the '
-        "outline lies at its smallest y, known: upper, outline-1 to outline-3)",
+        '"CASE", line 9: test.kind = "bias-extension": preform has no edge "lower" '
+        "(no straight piece of the outline lies at its smallest y, known: upper, outline-1 to "
+        "outline-3)",
     ),
     "unwritable folder": (
         ["--output", "/proc/no/folder"],
@@ -137,7 +138,38 @@ BAD_INPUT = {
 def test_bad_input(case, name, ranks):
     """One sentence and exit code 2, on any number of ranks."""
     arguments, message = BAD_INPUT[name]
+    message = message.replace("CASE", str(case))
     assert_refused(cruciform_petsc(ranks, "run", case, *arguments), message)
+
+
+def test_every_problem_has_a_line_of_its_own(case):
+    """With the line of the file that it is about; once, however many ranks there are."""
+    case.write_text(SPECIMEN.replace("bias_angle", "bais_angle").replace("1 mm", "1 N"))
+    result = cruciform_petsc(2, "check", case)
+    assert result.returncode == 2
+    _, _, told = result.stderr.partition("cruciform-petsc: ")
+    assert told.splitlines()[:4] == [
+        f'case file "{case}" has 3 problems:',
+        "  line 6: preform.bias_angle is missing",
+        '  line 8: [preform] has the unknown key "bais_angle" (did you mean "bias_angle"?)',
+        '  line 10: test.extension = "1 N" has the unit "N", which is not that of a length like '
+        '"1 mm"',
+    ]
+
+
+def test_commands_in_messages_begin_as_the_user_s(tmp_path, monkeypatch):
+    """scripts/fenicsx as it was typed stands before them, else nothing."""
+    from cruciform_petsc.errors import typed_before
+
+    monkeypatch.setenv("CRUCIFORM_PETSC_BY", "./scripts/fenicsx")
+    result = cruciform_petsc(0, "resume", tmp_path)
+    assert "; start with ./scripts/fenicsx cruciform-petsc run CASE" in result.stderr
+    monkeypatch.setenv("CRUCIFORM_PETSC_BY", "a folder/fenicsx")
+    assert typed_before() == "'a folder/fenicsx' "
+    monkeypatch.delenv("CRUCIFORM_PETSC_BY")
+    assert typed_before() == ""
+    result = cruciform_petsc(0, "new", "biaxial", tmp_path / "case.toml")
+    assert f"; try: cruciform-petsc check {tmp_path}" in result.stdout
 
 
 @pytest.mark.parametrize("ranks", [0, 2])

@@ -90,8 +90,17 @@ def test_scripts_may_give_numbers_arrays_and_tuples():
         ),
         (
             {"inner": {"size": 1, "count": 0}, "ring": 3, "place": 4},
-            'at.inner.size is the bare number 1, give it a unit like "1 mm"; at.inner.count must '
-            "be a whole number from 1 up, got 0; at.ring must be a list, got 3; and 1 more",
+            'at.inner.size is the bare number 1, give it a unit like "1 mm"\nat.inner.count must '
+            "be a whole number from 1 up, got 0\nat.ring must be a list, got 3\n"
+            "at.place must be a list, got 4",
+        ),
+        (
+            {f"x{n:02d}": n for n in range(25)} | GOOD,
+            "\n".join(
+                f'[at] has the unknown key "x{n:02d}" (known: inner, ring, place)'
+                for n in range(20)
+            )
+            + "\nand 5 more",
         ),
     ],
 )

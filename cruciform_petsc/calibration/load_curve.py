@@ -112,7 +112,7 @@ class LoadCurve:
             return None
         try:
             if what == PLACE:
-                x, y = preform.lattice_origin + network.to_lab(0.5 * network.pitch)
+                x, y = network.origin + network.to_lab(0.5 * network.pitch)
                 preform = replace(preform, origin=(float(x), float(y)))
             else:
                 fabric = _with_twice(fabric, what)

@@ -17,7 +17,7 @@ from pydantic import Field, PlainValidator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
-from ..errors import InputError
+from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable
@@ -25,6 +25,7 @@ from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
+from .lines import with_lines
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -114,7 +115,7 @@ class Case(Table):
 
         ``overrides`` are like "preform.refine=4", with a value in TOML, or a bare text. Raises
         InputError for anything wrong with the file, its keys and values, the fabric, the outline,
-        or the edges the test needs.
+        or the edges the test needs: all problems at once, with their lines in the file.
         """
         data = read_toml(path, "case file")
         match data:
@@ -123,9 +124,19 @@ class Case(Table):
                 data["output"]["measured"] = str((Path(path).parent / measured).absolute())
         for override in overrides:
             _apply(data, override)
-        case = cls.from_data(data)
-        case.check_together()
-        return case
+        problems = Problems()
+        with problems.caught():
+            case = cls.from_data(data)
+            case.check_together()
+            return case
+        if {"fabric", "preform"} <= data.keys():
+            with problems.caught():  # what only building tells, whatever else is wrong
+                FabricTable.from_data(data["fabric"], "fabric").build("")
+            with problems.caught():
+                PreformTable.from_data(data["preform"], "preform").build()
+        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+        others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
+        raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
     @classmethod
     def load_collective(
@@ -170,28 +181,41 @@ class Case(Table):
 
     def check_together(self) -> None:
         """Check what no single table can know."""
-        fabric, preform = self.fabric(), self.preform()
-        preform.check_size(fabric)
-        for edge in ("lower", "upper"):  # without a clamp the body would float
+        problems = Problems()
+        for key in ("finite", "bending") if self.continuum.second_gradient else ():
+            if not getattr(self.test, key):
+                problems.append(f"continuum.second_gradient = true needs test.{key} = true")
+        if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
+            problems.append(
+                "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
+                f"got {self.preform_table.yarns_per_cruciform}"
+            )
+        size, fabric, preform = self.continuum.mesh_size, None, None
+        with problems.caught():
+            fabric = self.fabric()
+        with problems.caught():
+            preform = self.preform()
+        if preform and size is not None and size.si > preform.size.min():
+            problems.append(
+                f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
+            )
+        for edge in ("lower", "upper") if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)
             except InputError as error:
-                raise InputError(f'test.kind = "{self.test.kind}": {error}') from None
-        self.test.check(preform, fabric)
-        for key in ("finite", "bending") if self.continuum.second_gradient else ():
-            if not getattr(self.test, key):
-                raise InputError(f"continuum.second_gradient = true needs test.{key} = true")
+                problems.append(f'test.kind = "{self.test.kind}": {error}')
+        if preform and fabric:
+            with problems.caught():
+                preform.check_size(fabric)
+            with problems.caught():
+                self.test.check(preform, fabric)
         for key, on in (
             ("continuum.compare", self.continuum.compare),
             ("output.exports", self.output.exports),
         ):
             if on and self.test.space:
-                raise InputError(f"{key} = true is for flat cloth, it needs test.space = false")
-        if self.continuum.ladder is not None and preform.yarns_per_cruciform > 1:
-            raise InputError(
-                "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
-                f"got {preform.yarns_per_cruciform}"
-            )
+                problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
+        problems.tell()
 
 
 def _apply(data: dict[str, Any], override: str) -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ValidationInfo, field_validator, model_validator
 
-from ..errors import InputError, unknown
+from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
@@ -116,35 +116,44 @@ class Fabric:
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
-        _check_slope("shear", self.shear_law, self.shear_modulus, "shear_modulus")
+        problems = Problems()
+        problems += _slope("shear", self.shear_law, self.shear_modulus, "shear_modulus")
         for side, law in (("warp", self.warp_law), ("weft", self.weft_law)):
             family = getattr(self, side)
-            _check_slope(f"{side}.tension", law, family.modulus, f"{side}.modulus")
+            problems += _slope(f"{side}.tension", law, family.modulus, f"{side}.modulus")
             if law is not None and family.poisson != 0.0:
-                raise InputError(
+                problems.append(
                     f"fabric.{side}.tension is a law, which needs fabric.{side}.poisson = 0, "
                     f"got {family.poisson:g}"
                 )
-            _check(f"{side}.modulus", family.modulus, "N/m")
-            _check(f"{side}.poisson", family.poisson, wanted="finite")
-            _check(f"{side}.yarns", family.yarns, "1/m")
+            if law is None:
+                problems += _number(f"{side}.modulus", family.modulus, "N/m")
+            problems += _number(f"{side}.poisson", family.poisson, wanted="finite")
+            problems += _number(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
-            _check(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
+            problems += _number(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
             bend = family.out_of_plane_bending
             if bend is not None:
                 rigidity = bend.stiffness0 if isinstance(bend, Potential) else bend
-                _check(f"{side}.out_of_plane_bending", rigidity, "N*m")
-        _check("shear.modulus", self.shear_modulus, "N/m")
-        _check("tension.compression", self.compression, wanted="above 0 and at most 1")
-        _check("tension.compression_width", self.compression_width)
+                problems += _number(f"{side}.out_of_plane_bending", rigidity, "N*m")
+        if math.inf > self.shear.last_point > 0.5 * math.pi * (1.0 + 1e-9):
+            last = self.shear.last_point
+            problems.append(
+                f"fabric.shear_law has points up to {last:g} rad, is {last:g} deg meant?"
+            )
+        if self.shear_law is None:
+            problems += _number("shear.modulus", self.shear_modulus, "N/m")
+        problems += _number("tension.compression", self.compression, wanted="above 0 and at most 1")
+        problems += _number("tension.compression_width", self.compression_width)
         for key in ("compression", "compression_width"):
-            _check_size(f"tension.{key}", getattr(self, key), "1")
+            problems += _size(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
-                _check(name, getattr(self, name), unit)
+                problems += _number(name, getattr(self, name), unit)
+        problems.tell()
         fraction = self.fibre_volume_fraction
         if self.thickness is not None and fraction is not None and fraction > 1.0:
-            raise InputError(
+            problems.append(
                 "fabric.areal_density over fabric.fibre_density is a layer of "
                 f"{format_si(fraction * self.thickness, 'm')} without any gaps, which is more "
                 f"than fabric.thickness = {format_si(self.thickness, 'm')}"
@@ -153,7 +162,7 @@ class Fabric:
         # Compliance [1] has an energy only if it is symmetric.
         left, right = nu_e * self.warp.modulus, nu_w * self.weft.modulus
         if not math.isclose(left, right, rel_tol=_RECIPROCITY):
-            raise InputError(
+            problems.append(
                 f"fabric.weft.poisson = {nu_e:g} breaks reciprocity (nu_weft E_warp must equal "
                 "nu_warp E_weft), with the other values it would have to be "
                 f"{right / self.warp.modulus:.9g}"
@@ -161,10 +170,11 @@ class Fabric:
         # With reciprocity the product is a square times E_e/E_w: negative ratios (a cloth that
         # widens when pulled) are as admissible as positive ones, only the product counts.
         if nu_w * nu_e >= 1.0:
-            raise InputError(
+            problems.append(
                 f"fabric.warp.poisson times fabric.weft.poisson must be less than 1, "
                 f"got {nu_w * nu_e:g}"
             )
+        problems.tell()
 
     @classmethod
     def from_table(cls, name: str, table: Mapping[str, Any]) -> Fabric:
@@ -312,39 +322,44 @@ _WANTED: dict[str, Callable[[float], bool]] = {
 }
 
 
-def _check(key: str, value: Any, unit: str = "", wanted: str = "positive and finite") -> None:
-    """Refuse what is not as `wanted`, see _WANTED."""
+def _number(
+    key: str, value: Any, unit: str = "", wanted: str = "positive and finite"
+) -> Iterator[str]:
+    """Problems of what is not as `wanted`, see _WANTED."""
     try:
         number = float(value)  # a whole number of hundreds of digits is none
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"fabric.{key} must be a finite number") from None
+        yield f"fabric.{key} must be a finite number"
+        return
     if not (math.isfinite(number) and _WANTED[wanted](number)):
         got = format_si(number, unit) if unit else f"{number:g}"
-        raise InputError(f"fabric.{key} must be {wanted}, got {got}")
-    _check_size(key, number, unit)
+        yield f"fabric.{key} must be {wanted}, got {got}"
+    else:
+        yield from _size(key, number, unit)
 
 
-def _check_size(key: str, number: float, unit: str) -> None:
-    """Refuse what is smaller, but for zero, or larger than anything of its kind is."""
+def _size(key: str, number: float, unit: str) -> Iterator[str]:
+    """What is smaller, but for zero, or larger than anything of its kind is."""
     least, most = LIMITS.get(unit, (0.0, math.inf))
     if number != 0.0 and not least <= abs(number) <= (1.0 + 1e-5) * most:
         ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
-        raise InputError(f"fabric.{key} must be {ends}, got {format_si(number, unit)}")
+        yield f"fabric.{key} must be {ends}, got {format_si(number, unit)}"
 
 
-def _check_slope(key: str, law: Potential | None, modulus: Any, name: str) -> None:
-    """Refuse a law that does not resist from the start, or with another modulus beside it."""
+def _slope(key: str, law: Potential | None, modulus: Any, name: str) -> Iterator[str]:
+    """Problems of a law that does not resist from the start, or has another modulus beside it."""
     if law is None:
         return
     slope = law.stiffness0
     if not 0.0 < slope < math.inf:
-        raise InputError(
+        yield (
             f"fabric.{key} is a law whose slope at zero must be positive and finite, "
             f"got {format_si(slope, 'N/m')}"
         )
-    _check_size(key, slope, "N/m")
+        return
+    yield from _size(key, slope, "N/m")
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
-        raise InputError(
+        yield (
             f"fabric.{name} must be the slope of its law at zero, {format_si(slope, 'N/m')}, "
             f"got {format_si(modulus, 'N/m')}"
         )
@@ -357,12 +372,22 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
     """A law through points in the units `x` and `y`; `most` is the largest x in the usual unit."""
     columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
     limit = Quantity.read(most, x.unit)
-    if max(columns[0]) > limit.si * (1.0 + 1e-9):  # 90 degrees are 90 degrees
-        over, unit = {
-            "rad": ("angle", "deg"), "1": ("strain", "%"), "1/m": ("curvature", "1/m")
-        }[x.unit]  # fmt: skip
-        largest = format_si(max(columns[0]), x.unit)
-        raise ValueError(f'.points go up to {largest}, is {over} = "{unit}" meant?')
+    over, unit, plain = {
+        "rad": ("angle", "deg", "rad"), "1": ("strain", "%", "1"), "1/m": ("curvature", "1/m", "")
+    }[x.unit]  # fmt: skip
+    largest = max(columns[0])
+    meant = unit if largest > limit.si * (1.0 + 1e-9) else ""  # 90 degrees are 90 degrees
+    # Laws of cloth go beyond 3 degrees, those of yarns beyond 0.05 %.
+    if (
+        plain
+        and x.si < 1.0
+        and largest < Quantity.read("3 deg" if plain == "rad" else "0.05 %", x.unit).si
+    ):
+        meant = plain
+    if meant:
+        raise ValueError(
+            f'.points go up to {format_si(largest, x.unit)}, is {over} = "{meant}" meant?'
+        )
     try:
         return table_law(*columns)
     except InputError as error:

@@ -29,6 +29,7 @@ from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
+LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -51,7 +52,8 @@ class Preform:
     refine, yarns_per_cruciform : int
         Divides or multiplies the pitch: a finer or coarser network of the same fabric.
     origin : pair of float or str, optional
-        A crossover of the lattice [m]; default: the centre of the outline's bounding box.
+        A crossover of the lattice, or whole pitches from one [m]; default: the centre of the
+        outline's bounding box.
     edges : dict, optional
         More edges by name, each an array (n, 2, 2) of segments on the outline [m]. In the
         finished object: all edges, the automatic ones first.
@@ -65,7 +67,8 @@ class Preform:
     Raises
     ------
     InputError
-        An outline that crosses itself, has no area, or holes that touch; numbers out of range.
+        An outline that crosses itself, has no area, or holes that touch; numbers out of range; of
+        `rectangle` and `polygon`, more than 10 m in bare numbers.
 
     Examples
     --------
@@ -158,7 +161,15 @@ class Preform:
     @classmethod
     def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
         table = OutlineTable.from_data(outline, "preform.outline", bare=True)
-        return cls(table.build(), bias_angle, **options)  # type: ignore[arg-type]
+        shape = table.build()
+        given, size = outline.get("rectangle", outline.get("polygon")), np.ptp(shape.bounds[::2])
+        size = max(size, np.ptp(shape.bounds[1::2]))
+        if size > LARGE and all(np.asarray(row).dtype.kind in "fiu" for row in given):
+            raise InputError(
+                f"preform.outline is {size:g} m large, as lengths without unit are metres, "
+                f'did you mean "{size:g} mm"?'
+            )
+        return cls(shape, bias_angle, **options)  # type: ignore[arg-type]
 
     @property
     def warp_direction(self) -> np.ndarray:
@@ -248,6 +259,10 @@ def _size(a: float, b: float) -> str:
     return f"{format_si(a, 'm')} x {format_si(b, 'm')}"
 
 
+def _extent(piece: shapely.Polygon) -> str:
+    return _size(*np.ptp(np.reshape(piece.bounds, (2, 2)), axis=0))
+
+
 def _checked(outline: Any) -> shapely.Polygon:
     """Return the outline with the cloth on its left and no repeated points."""
     if not isinstance(outline, shapely.Polygon) or outline.is_empty:
@@ -264,8 +279,8 @@ def _checked(outline: Any) -> shapely.Polygon:
     shapely.prepare(shell)
     for i in np.flatnonzero(~shapely.contains_properly(shell, holes)):
         raise InputError(
-            f"hole-{i + 1} of preform.outline touches or leaves the outline, "
-            "it must lie wholly inside"
+            f"hole-{i + 1} of preform.outline ({_extent(holes[i])}) touches or leaves the outline "
+            f"({_extent(shell)}), it must lie wholly inside"
         )
     tree = shapely.STRtree(holes)
     pairs = tree.query(tree.geometries, predicate="intersects").T

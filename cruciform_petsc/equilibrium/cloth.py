@@ -49,7 +49,7 @@ def unknowns_of(ply: Ply) -> Unknowns:
     """
     network, nodes = ply.network, ply.nodes
     owned = nodes.num_nodes_owned
-    origin = network.preform.lattice_origin
+    origin = network.origin
     lattice = network.to_yarn(nodes.rest[:owned] - origin) / network.pitch
     frame = network.to_yarn(nodes.frame[:owned])
     hinge = (nodes.node_key[:owned] & 3) == 0

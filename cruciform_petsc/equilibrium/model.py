@@ -57,7 +57,9 @@ class Model:
         self.stiffness_scale, self.multigrid = stiffness_scale, multigrid
         low, high = nodes.rest.min(axis=0, initial=np.inf), nodes.rest.max(axis=0, initial=-np.inf)
         low = np.min(self.comm.allgather(low), axis=0)
-        self.extent = float((np.max(self.comm.allgather(high), axis=0) - low).max())
+        high = np.max(self.comm.allgather(high), axis=0)
+        # What coordinates are rounded to goes with them, wherever the cloth lies.
+        self.extent = float(np.max([high - low, abs(low), abs(high)]))
         unknowns = self.dim * nodes.num_nodes_global
         if unknowns > np.iinfo(PETSc.IntType).max:
             raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")

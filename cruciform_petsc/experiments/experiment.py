@@ -8,13 +8,14 @@ everything else by proportion) or at finite deformation (finite.py).
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..equilibrium.stages import Increment
-from ..errors import EquilibriumError, InputError
+from ..errors import EquilibriumError, InputError, InputWarning
 from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
@@ -24,6 +25,7 @@ from ..small.network import MODES, LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
+from .limits import remarks
 from .result import State, TestResult
 from .table import TestTable
 
@@ -67,6 +69,8 @@ class Experiment:
         Values asked for, SI; loads if ``by_load``.
     size, middle : float (2,)
         Of the outline's bounding box, m.
+    remarks : list of str
+        What of preform, fabric and test is hardly meant; each is also an InputWarning, on rank 0.
     """
 
     table: ClassVar[type[TestTable]]  # of a case file
@@ -108,6 +112,9 @@ class Experiment:
         data = {key: value for key, value in data.items() if value is not None}
         self.test = test = self.table.from_data(data, "test", bare=True)
         test.check(network.preform, network.fabric)
+        self.remarks = remarks(network.preform, network.fabric, test)
+        for sentence in self.remarks if network.comm.rank == 0 else ():
+            warnings.warn(sentence, InputWarning, stacklevel=2)
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
         self.values = np.array(test.values_si)
         if not self.values.any():

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""What a user should know before trusting a result: where laws and assumptions end."""
+"""What a user should know: input that is hardly meant, and where laws and assumptions end."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..cloth.fabric import Fabric
+from ..cloth.preform import LARGE, Preform
 from ..parallel import least, most
 from ..quantities import si_text
 from ..solvers.options import unused_options
@@ -14,9 +17,94 @@ from .net_kinematics import net_reach
 
 if TYPE_CHECKING:
     from .result import TestResult
+    from .table import TestTable
 
 SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
+SLENDER = 50.0  # length over width, or the reverse
+
+
+def remarks(preform: Preform, fabric: Fabric, test: TestTable) -> list[str]:
+    """Sentences about input that can be, but is hardly meant; before anything is solved."""
+    return [*_angles(preform, test), *_sizes(preform, fabric, test), *_laws(fabric)]
+
+
+def _angles(preform: Preform, test: TestTable) -> Iterator[str]:
+    """Degrees whose number is that of a usual angle in radians."""
+    angles = {"preform.bias_angle": preform.bias_angle}
+    if test.controls[test.control] == "rad":
+        angles[f"test.{test.control}"] = max(test.values_si, key=abs)
+    for key, angle in angles.items():
+        degrees = float(np.rad2deg(angle))
+        meant = abs(float(np.rad2deg(degrees)))
+        usual = 5.0 * round(meant / 5.0)
+        if 10.0 <= usual <= 90.0 and abs(meant - usual) <= 0.01 * usual:
+            yield f'{key} is {degrees:.4g} deg, is "{degrees:.4g} rad" ({usual:g} deg) meant?'
+
+
+def _sizes(preform: Preform, fabric: Fabric, test: TestTable) -> Iterator[str]:
+    """Lengths out of proportion, and a bias test's specimen that is wide for its length."""
+    width, length = map(float, preform.size)
+    size = f"{si_text(width, 'm')} wide and {si_text(length, 'm')} long"
+    if max(width, length) > min(LARGE, SLENDER * min(width, length)):
+        yield f"preform.outline is {size}, which unit is meant?"
+    for number, hole in enumerate(preform.outline.interiors, 1):
+        across = float(np.ptp(np.asarray(hole.coords), axis=0).max())
+        if across < 0.1 * min(fabric.warp.spacing, fabric.weft.spacing):
+            yield (
+                f"hole-{number} of preform.outline is {si_text(across, 'm')} large, less than a "
+                "tenth of the distance of yarns, which unit is meant?"
+            )
+    if fabric.thickness is not None and fabric.thickness > 10.0 * fabric.warp.spacing:
+        yield (
+            f"fabric.thickness = {si_text(fabric.thickness, 'm')} is more than ten times the "
+            "distance of yarns, which unit is meant?"
+        )
+    largest = max(map(abs, test.values_si))
+    if test.controls[test.control] == "m" and largest > length:
+        yield (
+            f"test.{test.control} = {si_text(largest, 'm')} is more than the specimen's length of "
+            f"{si_text(length, 'm')}, which unit is meant?"
+        )
+    slope = abs(np.tan(preform.bias_angle))
+    if test.kind != "bias-extension" or not 0.5 < slope < 2.0 or preform.sides() is None:
+        return
+    between = length * (1.0 if getattr(test, "upper", "grip") == "grip" else 2.0)
+    if between * min(slope, 1.0 / slope) < width * (1.0 - 1e-9):
+        yield (
+            f"the specimen is {size}, H < 2 W: yarns run from clamp to clamp and carry the load"
+            + (", are width and length swapped?" if length < width else "")
+        )
+    elif between < 2.0 * width * (1.0 - 1e-9):
+        yield (
+            f"the specimen is {size}, H < 2 W: the usual zones of a bias test, with full shear in "
+            "the middle, need H >= 2 W between the clamps"
+        )
+
+
+def _laws(fabric: Fabric) -> Iterator[str]:
+    """Laws of shear and tension that fall, which few cloths do."""
+    laws = {"shear": fabric.shear_law, "warp": fabric.warp_law, "weft": fabric.weft_law}
+    for name, law in laws.items():
+        if law is None:
+            continue
+        what = f"fabric.{name}" if name == "shear" else f"fabric.{name}.tension"
+        scale, unit = (np.rad2deg(1.0), "deg") if name == "shear" else (100.0, "%")
+        force = law.evaluate(law.knots)[1]
+        falls = np.flatnonzero(np.diff(force) < -1e-3 * np.abs(force).max(initial=0.0))
+        if len(falls):
+            low, high = scale * law.knots[falls[0] : falls[0] + 2]
+            yield (
+                f"{what} is a law that falls from {low:.4g} to {high:.4g} {unit}, where cloth that "
+                "gives way resists less: is that measured?"
+            )
+        angle = np.deg2rad(np.arange(61.0))
+        below = np.flatnonzero(law.evaluate(angle)[1] < 0.0)
+        if name == "shear" and len(below):
+            yield (
+                f"{what} is a law that goes below zero from {below[0]} deg on, where cloth would "
+                "shear by itself"
+            )
 
 
 def warnings(result: TestResult) -> list[str]:
@@ -29,6 +117,13 @@ def warnings(result: TestResult) -> list[str]:
 
 def _small(result: TestResult, largest: float) -> list[str]:
     fabric, degrees, sentences = result.network.fabric, np.rad2deg(largest), []
+    experiment, size = result.experiment, float(result.network.preform.size.max())
+    moved = float(np.abs(experiment.extensions(result)).max())
+    if moved > size and experiment.test.controls[experiment.test.control] == "N":
+        sentences.append(
+            f"the {experiment.movement} reaches {si_text(moved, 'm')}, more than the specimen's "
+            f"size of {si_text(size, 'm')}: which unit of the load is meant?"
+        )
     if degrees > SMALL_DEG:
         sentences.append(
             f"the shear angle reaches {degrees:.1f} deg; small displacements hold to some "

@@ -205,7 +205,7 @@ class TestResult:
             ends = np.zeros((len(yarns.line), 2, 2))
             ends[..., 1 - family] = yarns.line[:, None]
             ends[:, 0, family], ends[:, 1, family] = yarns.start, yarns.end
-            ends = network.to_lab(ends * network.pitch) + network.preform.lattice_origin
+            ends = network.to_lab(ends * network.pitch) + network.origin
             is_held = (shapely.distance(shapely.points(ends), clamps) <= touch).any(axis=1)
             ij = network.crossover_ij
             part = yarns.find(ij[:, 1 - family], ij[:, family])

@@ -9,8 +9,11 @@ from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..errors import InputError
+from ..errors import Problems
 from ..fields import Count, Of, Quantities, Size, Table, si_values
+from ..units import format_si
+
+TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
 MOST_INCREMENTS = 100_000
 
@@ -97,16 +100,26 @@ class TestTable(Table):
 
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """Raise InputError if the preform or the fabric is none for such a test."""
+        problems = Problems()
         if self.along_the_yarns:
-            preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+            with problems.caught():
+                preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
         for side in ("warp", "weft"):
             if self.bending and getattr(fabric, side).yarn_bending == 0.0:
-                raise InputError(
+                problems.append(
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
         if self.space:
-            fabric.out_of_plane("test.space = true")
+            with problems.caught():
+                fabric.out_of_plane("test.space = true")
+        largest, length = max(map(abs, self.values_si)), float(preform.size[1])
+        if self.controls[self.control] == "m" and largest > TOO_FAR * length:
+            problems.append(
+                f"test.{self.control} = {format_si(largest, 'm')} is {largest / length:.3g} times "
+                f"the specimen's length of {format_si(length, 'm')}, which unit is meant?"
+            )
+        problems.tell()
 
 
 class PullTable(TestTable):

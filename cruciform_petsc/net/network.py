@@ -38,7 +38,7 @@ from .partition import Partition
 # Bytes while a network is made, as measured: of a crossover, on one rank (330), and of a crossing
 # of the outline with a lattice line, on every rank.
 _BYTES, _OUTLINE_BYTES = 330.0, 1000.0
-# Lattice lines count from the origin and must fit into keys (pack_key).
+# Lattice lines count from the outline's middle and must fit into keys (pack_key).
 _FARTHEST = 2**29 - 4
 
 
@@ -49,6 +49,9 @@ class Network(DistributedNodes):
 
     Attributes
     ----------
+    origin : float (2,)
+        Crossover (0, 0) of the lattice, x, y in metres: the preform's; one far from the outline
+        is moved by whole pitches to its middle.
     crossover_ij : int32 (n_owned, 2)
         Lattice position of this rank's crossovers: i counts along the warp, j along the weft.
     crossover_number_global : int64 (n_owned,)
@@ -74,6 +77,11 @@ class Network(DistributedNodes):
         self.comm, self.preform, self.fabric = comm, preform, fabric
         self.pitch = np.array(preform.pitch(fabric))
         preform.check_size(fabric)
+        self.origin = preform.lattice_origin
+        # Far away, numbers of yarns would be large and places rounded with them.
+        if (abs(self.origin - preform.middle) > preform.size).any():
+            pitches = np.round(self._to_lattice(preform.middle))
+            self.origin = self.origin + self.to_lab(pitches * self.pitch)
         self._check_fits()
         outline = shapely.transform(preform.outline, lambda xy: snapped(self._to_lattice(xy)))
         segments = boundary_segments(outline)
@@ -106,14 +114,14 @@ class Network(DistributedNodes):
         farthest = float(np.abs(self._to_lattice(corners)).max())
         if not farthest < _FARTHEST:
             raise InputError(
-                f"the outline reaches {farthest:.3g} yarns from the lattice's origin, at most "
-                f"{_FARTHEST} can be counted: move preform.origin nearer"
+                f"the outline reaches {farthest:.3g} yarns from its middle, at most {_FARTHEST} "
+                "can be counted: choose a coarser pitch (yarns_per_cruciform) or a smaller outline"
             )
 
     # -- geometry -------------------------------------------------------------------------------
 
     def _to_lattice(self, xy: np.ndarray) -> np.ndarray:
-        return self.to_yarn(xy - self.preform.lattice_origin) / self.pitch
+        return self.to_yarn(xy - self.origin) / self.pitch
 
     def to_yarn(self, vectors: np.ndarray) -> np.ndarray:
         """Components in x, y (..., 2) -> along warp and weft at rest."""
@@ -137,7 +145,7 @@ class Network(DistributedNodes):
         ij = self.partition.crossovers(self.warp_yarns, self.comm.rank)
         n = len(ij)
         self.crossover_ij = ij.astype(np.int32)
-        self.crossover_position = self.to_lab(ij * self.pitch) + self.preform.lattice_origin
+        self.crossover_position = self.to_lab(ij * self.pitch) + self.origin
         self.crossover_number_global = self.crossover_number(ij)
         around = np.indices((3, 3)).reshape(2, -1).T - 1
         near_i, near_j = (cells_cut(segments)[:, None] + around).reshape(-1, 2).T

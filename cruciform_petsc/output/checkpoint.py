@@ -38,7 +38,7 @@ from .. import __version__
 from ..case.schema import Case
 from ..equilibrium.follow import Path as StagePath
 from ..equilibrium.stages import Increment
-from ..errors import InputError, cut
+from ..errors import InputError, cut, typed_before
 from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
 from ..reading import open_regular, read_bytes
 from .folder import (
@@ -62,7 +62,7 @@ NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
 HEADER = 2**12  # bytes that NumPy puts before an array, at most
 FORMAT = 2  # 1: files, of version 0.1.0
 PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
-ANEW = "begin anew with cruciform-petsc run"
+ANEW = f"begin anew with {typed_before()}cruciform-petsc run"
 
 
 class DamagedError(InputError):
@@ -348,7 +348,7 @@ class Checkpoint:
                 folder.rename(old)
                 notes.append(
                     f'the checkpoint of a run that was not finished is now "{old}" '
-                    "(cruciform-petsc resume would have continued it)"
+                    f"({typed_before()}cruciform-petsc resume would have continued it)"
                 )
             _remove(folder)
             folder.mkdir()
@@ -541,7 +541,7 @@ def reopen(
     elif overrides or output is not None:
         raise InputError(
             f'the case comes from the checkpoint in "{target}"; --set and --output go with the '
-            "case file: cruciform-petsc resume CASE"
+            f"case file: {typed_before()}cruciform-petsc resume CASE"
         )
     warning = on_root(comm, lambda: lock_directory(directory))
     if case and not on_root(comm, lambda: _found(directory) or _is_finished(directory)):
@@ -566,7 +566,7 @@ def hint(directory: str | Path, ranks: int = 1) -> str:
 def resume_command(directory: str | Path, ranks: int = 1) -> str:
     """What to type to go on with the run whose results are in a folder."""
     launcher = f"mpirun -n {ranks} " if ranks > 1 else ""
-    return f"{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
+    return f"{typed_before()}{launcher}cruciform-petsc resume {shlex.quote(str(directory))}"
 
 
 # -- what determines a run -------------------------------------------------------------------------
@@ -661,5 +661,6 @@ def _nothing_there(directory: Path) -> str:
         return f'the run in "{directory}" is finished, there is nothing to resume'
     return (
         f'there is no checkpoint in "{directory}": nothing was reached there yet, or it is not the '
-        "folder of a test at finite deformation; start with cruciform-petsc run CASE"
+        "folder of a test at finite deformation; start with "
+        f"{typed_before()}cruciform-petsc run CASE"
     )

@@ -49,6 +49,7 @@ DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
+FLAT = 3.0  # width over height of specimens that are drawn one below the other
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
 
 
@@ -194,26 +195,35 @@ def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: ScalarM
 def _panels(
     low: np.ndarray, high: np.ndarray, titles: Sequence[str]
 ) -> tuple[Figure, list[Axes], float]:
-    """Axes in mm side by side in true scale, and how many points a metre is in them."""
+    """Axes in mm in true scale, and how many points a metre is in them.
+
+    Side by side; those that are much wider than high one below the other.
+    """
     from matplotlib.figure import Figure
 
-    columns = len(titles)
     middle, size = 0.5 * (low + high), 1.04 * (high - low)
+    flat = size[0] > FLAT * size[1]
+    rows, columns = (len(titles), 1) if flat else (1, len(titles))
     inches_per_metre = min(HEIGHT / size[1], WIDEST / columns**0.5 / size[0])
     width, height = size * inches_per_metre
-    figure = Figure(figsize=(columns * width, height + 1.0))
-    axes = figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
+    figure = Figure(figsize=(columns * width, rows * (height + 0.7 * flat) + 1.0 + 0.7 * flat))
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     x_limits, y_limits = 1e3 * (middle + 0.5 * size * np.array([[-1], [1]])).T
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title)
-        panel.set(aspect="equal", xlabel="x (mm)", xlim=x_limits, ylim=y_limits)
-        panel.locator_params(axis="x", nbins=max(2, min(6, int(width / 0.6))), min_n_ticks=2)
+        panel.set(aspect="equal", xlim=x_limits, ylim=y_limits)
+        for axis, inches, label in (("x", width, 0.45), ("y", height, 0.3)):
+            fit = int(inches / label)  # labels of ticks without touching
+            panel.locator_params(axis, nbins=np.clip(fit, 1, 6), min_n_ticks=min(2, max(1, fit)))
         panel.tick_params(direction="out", length=3, color="0.5")
         panel.spines[:].set_color("0.75")
-    axes[0].set_ylabel("y (mm)")
+    for panel in axes[-1:] if flat else axes:
+        panel.set_xlabel("x (mm)")
+    for panel in axes if flat else axes[:1]:
+        panel.set_ylabel("y (mm)")
     # The layout leaves no room for titles that are wider than their panels.
     widest = max(panel.title.get_window_extent().width for panel in axes) / figure.dpi
-    beside = max(0.5 * (widest + 0.15 - width), 0.04)  # inches
+    beside = max(0.5 * (widest + 0.15 - width), 0.08)  # inches
     figure.set_layout_engine("compressed", w_pad=beside)
     figure.set_figwidth(columns * max(width + 2.0 * beside + 0.27, 1.15) + 1.6)
     return figure, list(axes), 72.0 * inches_per_metre
@@ -264,9 +274,14 @@ def colour_scale(
 
 
 def colour_bar(axes: list[Axes], colours: ScalarMappable, label: str, **options: Any) -> None:
-    """Draw the scale to the right of axes, zero below."""
+    """Draw the scale to the right of axes, zero below; by default below flat ones."""
+    width, height = (np.ptp(limits) for limits in (axes[0].get_xlim(), axes[0].get_ylim()))
+    if not options and width > FLAT * height:
+        options = {"location": "bottom"}
+    elif height > FLAT * width and len(axes) == 1:  # a share of the axes' width
+        options["pad"] = 0.02 * height / width
     bar = axes[0].figure.colorbar(colours, ax=axes, label=label, aspect=30, **options)
-    if colours.norm.vmax == 0.0:
+    if colours.norm.vmax == 0.0 and bar.orientation == "vertical":
         bar.ax.invert_yaxis()
 
 

@@ -124,7 +124,7 @@ def sample_yarns(
     return YarnSample(
         before=before,
         after=before + rows[:, 6:8],
-        lattice=network.to_yarn(before - network.preform.lattice_origin) / network.pitch,
+        lattice=network.to_yarn(before - network.origin) / network.pitch,
         values=rows[:, 8],
         family=rows[:, 0].astype(np.int8),
         first=np.flatnonzero(rows[:, 3]),
@@ -182,7 +182,7 @@ def sample_map(
     mean = _mean(sums, count)
     sides, outline = network.to_lab(np.diag(network.pitch)), network.preform.outline
     return MapSample(
-        centre=(every * block + 0.5 * (every - 1)) @ sides + network.preform.lattice_origin,
+        centre=(every * block + 0.5 * (every - 1)) @ sides + network.origin,
         sides=every * sides,
         values=dict(zip(values, mean.T, strict=True)),
         at_outline=(total[:, 0] < every**2) | (total[:, 1] > 0),

@@ -268,7 +268,7 @@ class LinearNetwork:
     def rigid_motions(self) -> np.ndarray:
         """Two translations and the rotation of all nodes, (n_local, d, 3), in node frames."""
         network, d = self.network, self.unknowns_per_node
-        place = network.to_yarn(network.node_position - network.preform.lattice_origin)
+        place = network.to_yarn(network.node_position - network.origin)
         motion = np.zeros((network.num_nodes_local, d, 3))
         motion[:, 0, 0] = motion[:, 1, 1] = 1.0
         motion[:, 0, 2], motion[:, 1, 2] = -place[:, 1], place[:, 0]
@@ -313,7 +313,7 @@ class LinearNetwork:
         network, d = self.network, self.unknowns_per_node
         owned = slice(0, network.num_nodes_owned)
         frame, pitch = self.constraints.frame[owned], network.pitch
-        place = network.node_position[owned] - network.preform.lattice_origin
+        place = network.node_position[owned] - network.origin
         lattice = network.to_yarn(place) / pitch
         warp = network.node_family[owned] == 0
         values, slopes = np.zeros((len(warp), d, 3)), np.zeros((len(warp), d, 2))

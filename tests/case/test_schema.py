@@ -62,6 +62,12 @@ FAMILY = '{modulus="400 N/mm", poisson=0, yarns="2 /cm", yarn_bending="1 N mm^2"
 TENSION = '{law="table", strain="%", force="N/cm", points=[[0, 0], [0.5, 10], [1, 50]]}'
 
 
+def sentences(error):
+    """Problems of a case, without its name and lines."""
+    problems = error.args[len(error.args) > 1 :]
+    return [re.sub(r'^(".*", )?line \d+: ', "", problem) for problem in problems]
+
+
 @pytest.fixture
 def write(tmp_path):
     """Write a case file and return its path."""
@@ -300,9 +306,20 @@ def test_bad_override(write, override):
         (['output.directory=""'], "output.directory must be a name that is not empty, got ''"),
         (["test.upper=clamp"], 'test.upper must be "grip" or "centre-line", got \'clamp\''),
         (
-            ["test.kind=drape"],
-            'test.kind must be "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
-            '"cantilever" or "pantograph", got \'drape\'',
+            ["test.kind=bias-extention"],
+            'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '
+            'known: "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
+            '"cantilever", "pantograph")',
+        ),
+        (
+            ["test.kind=forming"],
+            'test.kind: "forming" is planned and not there yet (known: bias-extension, '
+            "picture-frame, off-axis-tension, biaxial, cantilever, pantograph)",
+        ),
+        (
+            ["test.kind=[1]"],
+            'test.kind: there is no kind of test "[1]" (known: "bias-extension", "picture-frame", '
+            '"off-axis-tension", "biaxial", "cantilever", "pantograph")',
         ),
         (["test=[1]"], "test must be a table, got [1]"),
         (
@@ -531,9 +548,8 @@ def test_bad_override(write, override):
             "; ".join(
                 f'the case file has the unknown key "{key}" '
                 "(known: title, fabric, preform, test, continuum, solver, output)"
-                for key in "abc"
-            )
-            + "; and 1 more",
+                for key in "abcd"
+            ),
         ),
     ],
 )
@@ -541,7 +557,7 @@ def test_refused(write, overrides, message):
     """Each mistake is one sentence with its key."""
     with pytest.raises(InputError) as caught:
         Case.load(write(SPECIMEN), overrides)
-    assert str(caught.value) == message
+    assert "; ".join(sentences(caught.value)) == message
 
 
 def test_bending_needs_a_bending_rigidity(write):
@@ -550,7 +566,7 @@ def test_bending_needs_a_bending_rigidity(write):
     Case.load(write(text))
     with pytest.raises(InputError) as caught:
         Case.load(write(text), ["test.bending=true"])
-    assert str(caught.value) == (
+    assert "; ".join(sentences(caught.value)) == (
         "test.bending is true but fabric.weft.yarn_bending is zero, "
         "give it a value or set test.bending = false"
     )
@@ -562,7 +578,10 @@ def test_missing_keys(tmp_path):
     path.write_text("")
     with pytest.raises(InputError) as caught:
         Case.load(path)
-    assert str(caught.value) == "fabric is missing; preform is missing; test is missing"
+    assert str(caught.value) == (
+        f'case file "{path}" has 3 problems:\nfabric is missing\npreform is missing\n'
+        "test is missing"
+    )
 
 
 def test_files(tmp_path, write):

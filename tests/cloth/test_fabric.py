@@ -382,7 +382,8 @@ def test_with_shear_law():
         ),
         (
             {"weft_law": linear(1.0)},
-            "fabric.weft.modulus must be the slope of its law at zero, 0.01 N/cm, got 130 N/cm",
+            "fabric.weft.modulus must be the slope of its law at zero, 0.01 N/cm, got 130 N/cm\n"
+            "fabric.weft.tension is a law, which needs fabric.weft.poisson = 0, got 0.1125",
         ),
         ({"compression": 0.0}, "fabric.tension.compression must be above 0 and at most 1, got 0"),
         ({"compression": 2.0}, "fabric.tension.compression must be above 0 and at most 1, got 2"),

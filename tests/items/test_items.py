@@ -162,7 +162,7 @@ def test_tangent_knows_every_rigid_motion(bending, dim):
     assert len(motions) == (3 if dim == 2 else 6)
     assert np.linalg.matrix_rank(motions.reshape(len(motions), -1)) == len(motions)
     if dim == 3:
-        yarn = cloth.network.to_yarn(cloth.rest[:, :2] - cloth.network.preform.lattice_origin)
+        yarn = cloth.network.to_yarn(cloth.rest[:, :2] - cloth.network.origin)
         twist = np.zeros((owned, 3))
         twist[:, 2] = yarn.prod(axis=1) / 0.01
         motions = np.concatenate([motions, twist[None]])

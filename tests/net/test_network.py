@@ -132,6 +132,19 @@ def test_origin():
         )
 
 
+def test_far_origin():
+    """Crossover (0, 0) is then the one nearest the middle, whole pitches from the origin."""
+    for origin in ((-300.0, 4.0), (0.0, 0.13), ("1 km", "1 km")):
+        preform = Preform.rectangle(0.06, 0.08, 0.7, origin=origin)
+        network = serial(preform, UNEVEN)
+        (zero,) = np.flatnonzero((network.crossover_ij == 0).all(axis=1))
+        np.testing.assert_array_equal(network.crossover_position[zero], network.origin)
+        off = network.to_yarn(network.origin - preform.middle) / network.pitch
+        assert (abs(off) < 0.5 + 1e-9).all()
+        away = network.to_yarn(network.origin - preform.lattice_origin) / network.pitch
+        np.testing.assert_allclose(away, np.round(away), atol=1e-9)
+
+
 def test_no_crossover_inside():
     """An outline larger than a cruciform that slips between all lattice points."""
     band = [(0.0, 0.3), (8.0, 8.3), (8.0, 8.7), (0.0, 0.7)]
@@ -151,7 +164,7 @@ def test_crossovers_are_the_lattice_points_inside(preform, fabric):
     reach = int(0.2 / network.pitch.min())
     i, j = np.meshgrid(np.arange(-reach, reach), np.arange(-reach, reach), indexing="ij")
     lattice = np.stack([i.ravel(), j.ravel()], axis=1)
-    xy = (lattice * network.pitch) @ preform.rotation + preform.lattice_origin
+    xy = (lattice * network.pitch) @ preform.rotation + network.origin
     grown = preform.outline.buffer(2 * SNAP * network.pitch.min())
     inside = shapely.contains_xy(grown, xy[:, 0], xy[:, 1])
     order = np.lexsort((lattice[inside, 0], lattice[inside, 1]))
@@ -248,7 +261,7 @@ def test_boundary_crossovers(preform, fabric):
     # As if all were looked at closely.
     outline = shapely.transform(
         preform.outline,
-        lambda xy: snapped((xy - preform.lattice_origin) @ preform.rotation.T / network.pitch),
+        lambda xy: snapped((xy - network.origin) @ preform.rotation.T / network.pitch),
     )
     every = quadrant_areas(network.crossover_ij, network.has_crossover, outline)
     np.testing.assert_allclose(network.quadrant_area, 4 * quarter * every, atol=1e-9 * quarter)
@@ -337,7 +350,7 @@ def test_nodes_are_numbered_along_the_yarns(preform, fabric):
     assert network.num_nodes_owned == network.num_nodes_local == network.num_nodes_global
     np.testing.assert_array_equal(network.node_number_global, np.arange(network.num_nodes_global))
     yarn = network.node_key >> 32
-    lattice = (network.node_position - preform.lattice_origin) @ preform.rotation.T / network.pitch
+    lattice = (network.node_position - network.origin) @ preform.rotation.T / network.pitch
     same = np.diff(yarn) == 0
     along = lattice[np.arange(len(lattice)), network.node_family]
     assert (np.diff(along)[same] > 0).all()

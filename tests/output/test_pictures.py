@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures by what is drawn in them: the data handed to the axes, not the size of a file."""
 
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -187,6 +188,35 @@ def test_titles_wider_than_their_panels(finite):
     spans = [panel.title.get_window_extent().intervalx for panel in axes]
     assert spans[0][1] < spans[1][0]
     assert spans[1][1] < spans[2][0]
+
+
+STRIPS = {"tall": (30, 600, 100), "wide": (600, 30, 1), "thread": (12, 600, 20)}  # mm
+
+
+@pytest.mark.parametrize("shape", STRIPS)
+def test_texts_of_thin_strips_do_not_touch(shape):
+    """Headings, ticks, labels of axes and bars: none lies on another, or on a bar."""
+    width, length, extension = STRIPS[shape]
+    preform = Preform.rectangle(width / 1000, length / 1000)
+    network = Network(COMM, preform, Fabric.from_library("glass-pp-plain-1.93"))
+    result = BiasExtension(network, f"{extension} mm").solve()
+    panels = [figures._panel(f"extension {k}0 mm\n0.292 N", result) for k in range(4)]
+    draws = [lambda: pictures.yarns(panels, "a strip", before=False)]
+    draws += [figures.figures(result, "strip")[0][f"{n}.png"] for n in ("yarns", "tension_map")]
+    for draw in draws:
+        figure = made(draw)
+        figure.draw_without_rendering()
+        texts = list(figure.texts)
+        for axes in figure.axes:
+            texts += [axes.title, axes.xaxis.label, axes.yaxis.label]
+            for tick in (*axes.xaxis._update_ticks(), *axes.yaxis._update_ticks()):  # those in view
+                texts += [tick.label1, tick.label2]
+        texts = [text for text in texts if text.get_visible() and text.get_text()]
+        for one, other in combinations(texts, 2):
+            assert not one.get_window_extent().overlaps(other.get_window_extent()), (one, other)
+        *axes, bar = figure.axes
+        for panel in axes:
+            assert not panel.get_window_extent().overlaps(bar.get_window_extent())
 
 
 def test_with_and_without_bending(small):

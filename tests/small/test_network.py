@@ -341,7 +341,7 @@ def energies_with_affine_hinges(model, gradient):
     """Energy of each mode over all cruciforms, nodes and hinges moved by one gradient."""
     network, total = model.network, {}
     values = affine_motion(model, gradient)
-    x = (network.crossover_position - network.preform.lattice_origin) @ network.preform.rotation.T
+    x = (network.crossover_position - network.origin) @ network.preform.rotation.T
     hinge = x @ np.asarray(gradient).T
     for group in model.groups:
         ends = values[network.arm_node[group.rows]].reshape(-1, 4 * model.unknowns_per_node)
@@ -456,7 +456,7 @@ def test_fields_of_an_affine_motion(preform, fabric, bending):
         values = affine_motion(model, gradient, shift)
         fields = model.crossover_fields(values)
         good = fields["carrying"]
-        x = (network.crossover_position - preform.lattice_origin) @ preform.rotation.T
+        x = (network.crossover_position - network.origin) @ preform.rotation.T
         moved = fields["displacement"] @ preform.rotation.T
         np.testing.assert_allclose(moved[good], (x @ gradient.T + shift)[good], atol=1e-11)
         warp, weft = np.diag(gradient)
@@ -474,7 +474,7 @@ def test_fields_of_an_affine_motion(preform, fabric, bending):
         for name, expected in (("arm_strain", [warp, weft] * 2), ("arm_rotation", turn)):
             every = np.tile(expected, (whole.sum(), 1))
             np.testing.assert_allclose(fields[name][whole], every, atol=1e-10)
-        place = (network.node_position - preform.lattice_origin) @ preform.rotation.T
+        place = (network.node_position - network.origin) @ preform.rotation.T
         moved = model.node_displacement(values, fields) @ preform.rotation.T
         used = np.unique(network.arm_node[good])
         np.testing.assert_allclose(moved[used], (place @ gradient.T + shift)[used], atol=1e-11)

@@ -41,7 +41,7 @@ class Cloth:
 
     def affine(self, gradient, shift=(0.0, 0.0)):
         """Positions X -> gradient X + shift in the yarn frame, (n_local, 2)."""
-        origin = self.network.preform.lattice_origin
+        origin = self.network.origin
         yarn = self.network.to_yarn(self.rest - origin)
         return self.network.to_lab(yarn @ np.transpose(gradient) + shift) + origin
 

@@ -121,7 +121,7 @@ def affine_motion(model: LinearNetwork, gradient, shift=(0.0, 0.0)) -> np.ndarra
     """Node values (n_local, d) of u = shift + gradient x in the yarn frame; yarns stay straight."""
     network = model.network
     gradient = np.asarray(gradient, float)
-    x = (network.node_position - network.preform.lattice_origin) @ network.preform.rotation.T
+    x = (network.node_position - network.origin) @ network.preform.rotation.T
     values = np.zeros((network.num_nodes_local, model.unknowns_per_node))
     values[:, :2] = np.asarray(shift) + x @ gradient.T
     if model.bending:
