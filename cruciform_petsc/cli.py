@@ -334,7 +334,9 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     if comm.rank:
         return
-    rows = [["fabric", "modulus", "Poisson", "yarns", "yarn bending", "shear", "source"]]
+    rows = [
+        ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear", "source"]
+    ]
     for name in fabric_names():
         fabric = Fabric.from_library(name)
         columns = [
@@ -343,8 +345,11 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
                 f"{yarns.poisson:g}",
                 format_si(yarns.yarns, "1/m"),
                 format_si(yarns.yarn_bending, "N*m**2"),
+                format_si(law.stiffness0, "N*m"),
             ]
-            for yarns in (fabric.warp, fabric.weft)
+            for yarns, law in zip(
+                (fabric.warp, fabric.weft), fabric.out_of_plane("this list"), strict=True
+            )
         ]
         # Warp and weft apart where they differ.
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 LONGEST = 1e7  # s; some four months
 NEWTON = 4.0  # steps of an increment
-# Of a crossover: bytes and seconds of a linear system at small displacements, and of a tangent; of
-# a state that is kept.
-_SMALL, _FINITE, _STATE = (11e3, 40e-6), (17e3, 50e-6), 250.0
+# Of a crossover: bytes and seconds of a linear system at small displacements, of a tangent, of one
+# in space; of a state that is kept.
+_SMALL, _FINITE, _SPACE, _STATE = (11e3, 40e-6), (17e3, 50e-6), (56e3, 170e-6), 250.0
 # Of an unknown of a membrane: bytes and seconds, and times that with bending yarns.
 _MEMBRANE, _SECOND_GRADIENT = (1.9e3, 10e-6), (3.0, 6.0)
 _UNKNOWNS_PER_TRIANGLE = 9.0  # of degree 3
@@ -86,9 +86,10 @@ def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     preform, finite = case.preform(refine), case.test.finite
     with np.errstate(over="ignore", divide="ignore"):
         crossovers = float(np.float64(preform.outline.area) / np.prod(preform.pitch(case.fabric())))
-    each, seconds = _FINITE if finite else _SMALL
+    space = case.test.space
+    each, seconds = _SPACE if space else _FINITE if finite else _SMALL
     # Two arm ends; at finite deformation hinges, too; rotations at small displacements.
-    unknowns = crossovers * (6 if finite or case.test.bending else 4)
+    unknowns = crossovers * (9 if space else 6 if finite or case.test.bending else 4)
     kept = _STATE * values * crossovers
     name, cure = "the test", "choose a coarser pitch (refine, yarns_per_cruciform)"
     if refine is not None:

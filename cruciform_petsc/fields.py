@@ -45,6 +45,8 @@ class Of(_Read):
     """The unit by itself, as it stands over a column of numbers."""
     many: bool = False
     """One quantity or a list of them."""
+    other: str = ""
+    """SI unit of another dimension that may stand as well; the quantity's `unit` tells which."""
     good: Callable[[float], bool] | None = None
     """Whether a value may be; ``wanted`` tells which may."""
     wanted: str = ""
@@ -62,15 +64,24 @@ class Of(_Read):
         return [self._one(item, info, f"(value {i + 1}) ") for i, item in enumerate(value)]
 
     def _one(self, value: Any, info: Any, which: str = "") -> Quantity:
+        bare = bool(info.context)
         try:
-            quantity = Quantity.read(value, self.unit, column=self.column, bare=bool(info.context))
+            quantity = Quantity.read(value, self.unit, column=self.column, bare=bare)
         except ValueError as error:
-            raise ValueError(f"{which}{error}") from None
+            try:
+                quantity = Quantity.read(value, self.other or self.unit, column=self.column)
+            except ValueError:
+                also = ""
+                if self.other:
+                    kind, example, _ = MEASURES[self.other]
+                    also = f', nor {kind} like "{example}"'
+                raise ValueError(f"{which}{error}{also}") from None
         if self.good is not None and not self.good(quantity.si):
             raise ValueError(f'{which}must be {self.wanted}, got "{cut(quantity)}"')
-        least = LIMITS[self.unit][0]
+        unit = quantity.unit
+        least = LIMITS[unit][0]
         if self.least and 0.0 < abs(quantity.si) < least:
-            what = f"{MEASURES[self.unit][0]} is 0 or at least {format_si(least, self.unit)}"
+            what = f"{MEASURES[unit][0]} is 0 or at least {format_si(least, unit)}"
             raise ValueError(f'{which}= "{cut(quantity)}" is too small, {what}')
         return quantity
 

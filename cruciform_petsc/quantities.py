@@ -112,6 +112,7 @@ declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99
 declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the middle zone")
 declare("shear_side_deg", "shear, side zones (median)", "shear angle of the side zones")
 declare("shear_clamp_deg", "shear, at the clamps (median)", "shear angle at the clamps")
+declare("height_max_mm", "height out of the plane, largest", "largest height out of the plane")
 
 
 def displacement(columns: Iterable[str]) -> Quantity | None:

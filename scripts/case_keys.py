@@ -21,7 +21,7 @@ from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
 from cruciform_petsc.cloth import fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
-from cruciform_petsc.experiments.table import TestTable
+from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.units import MEASURES
 
@@ -57,11 +57,13 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[fabric]`", fabric.FabricTable),
     ("`fabric.warp`, `fabric.weft`", fabric.YarnTable),
     ("`fabric.warp.tension`, `fabric.weft.tension`", fabric.TensionLawTable),
+    ("`fabric.warp.out_of_plane_moment`, `fabric.weft.out_of_plane_moment`", fabric.MomentLawTable),
     ("`fabric.shear`", fabric.ShearTable),
     ("`fabric.tension`", fabric.TensionTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`[test]`, every kind", TestTable),
+    ("`test.imperfection`", ImperfectionTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),
     ("`[output]`", case.OutputTable),
@@ -123,6 +125,8 @@ def kind_of(field: FieldInfo) -> str:
             if item.column:
                 return f'the unit of {what}, `"{unit}"`'
             several = ", or a list of them" if item.many else ""
+            if item.other:
+                several = ', or {}, `"{}"`'.format(*MEASURES[item.other])
             return f'{what}, `"{item.example or example}"`{several}'
     if get_origin(annotation) is Literal:
         return " or ".join(f'`"{choice}"`' for choice in get_args(annotation))

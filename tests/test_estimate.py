@@ -125,3 +125,14 @@ def test_estimate_of_a_membrane(tmp_path):
 )
 def test_times(seconds, text):
     assert time_text(seconds) == text
+
+
+def test_estimate_of_cloth_in_space(tmp_path):
+    """Three unknowns in place of two at each node, and more than three times the memory."""
+    flat, space = (
+        estimate(case(tmp_path, "test.finite=true", f"test.space={text}"))[0]
+        for text in ("false", "true")
+    )
+    count, more = (float(part.size.split()[4].replace(",", "")) for part in (flat, space))
+    assert more == pytest.approx(1.5 * count, rel=0.01)
+    assert 3.0 < space.bytes / flat.bytes < 4.0

@@ -218,6 +218,12 @@ class Case(Table):
                 preform.check_size(fabric)
             with problems.caught():
                 self.test.check(preform, fabric)
+        for key, on in (
+            ("continuum.compare", self.continuum.compare),
+            ("output.exports", self.output.exports),
+        ):
+            if on and self.test.space:
+                problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
         problems.tell()
 
 

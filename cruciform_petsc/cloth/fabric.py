@@ -28,7 +28,7 @@ from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
-from ..units import LIMITS, Quantity, format_si
+from ..units import LIMITS, MEASURES, Quantity, format_si
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
@@ -42,7 +42,7 @@ _SHEAR_LAWS = {
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
-# What only exports need, with its SI unit.
+# What not every test needs, with its SI unit.
 _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
 
@@ -58,6 +58,15 @@ class YarnFamily:
     """Yarns per length across them [1/m]."""
     yarn_bending: float = 0.0
     """In-plane flexural rigidity of one yarn [N m^2]."""
+    out_of_plane_bending: float | Potential | None = None
+    """Flexural rigidity of the cloth along these yarns for bending out of its plane, per width
+    [N m]; or a law of the moment per width [N] over the curvature [1/m]."""
+
+    @property
+    def out_of_plane_law(self) -> Potential | None:
+        """Moment per width [N] over the curvature [1/m] out of the plane."""
+        law = self.out_of_plane_bending
+        return law if law is None or isinstance(law, Potential) else linear(law)
 
     @property
     def spacing(self) -> float:
@@ -73,9 +82,9 @@ class Fabric:
     ------
     InputError
         Moduli, yarn counts, masses or thickness not positive, fibres of more volume than the cloth;
-        yarn bending negative, no reciprocity, nu_w nu_e >= 1; a law with another slope at rest than
-        its modulus, a tension law with Poisson's ratios; compression not in (0, 1], its width not
-        positive.
+        yarn bending negative, bending out of the plane not positive, no reciprocity,
+        nu_w nu_e >= 1; a law with another slope at rest than its modulus, a tension law with
+        Poisson's ratios; compression not in (0, 1], its width not positive.
     """
 
     name: str
@@ -99,9 +108,9 @@ class Fabric:
     compression_width: float = 1e-4
     """Strain over which the stiffness falls when a yarn goes from tension into compression."""
     areal_density: float | None = None
-    """Mass of the yarns per area of the cloth at rest [kg/m^2]; for exports (docs/exports.md)."""
+    """Mass of the yarns per area of the cloth at rest [kg/m^2]; for gravity and exports."""
     thickness: float | None = None
-    """Of the cloth at rest [m]; for exports and pictures in space."""
+    """Of the cloth at rest [m]; for contact, exports and pictures in space."""
     fibre_density: float | None = None
     """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
 
@@ -123,6 +132,10 @@ class Fabric:
             problems += _number(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
             problems += _number(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
+            bend = family.out_of_plane_bending
+            if bend is not None:
+                rigidity = bend.stiffness0 if isinstance(bend, Potential) else bend
+                problems += _number(f"{side}.out_of_plane_bending", rigidity, "N*m")
         if math.inf > self.shear.last_point > 0.5 * math.pi * (1.0 + 1e-9):
             last = self.shear.last_point
             problems.append(
@@ -175,8 +188,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole, ``areal_density``,
-        ``thickness``, ``fibre_density``; as for `from_table`.
+        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
+        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
+        `from_table`.
 
         Examples
         --------
@@ -236,6 +250,31 @@ class Fabric:
             return None
         return self.areal_density / (self.fibre_density * self.thickness)
 
+    def needed(self, key: str, by: str) -> float:
+        """areal_density, thickness or fibre_density; if missing an InputError says ``by`` what."""
+        value = getattr(self, key)
+        if value is None:
+            example = MEASURES[_PLY_DATA[key]][1]
+            raise InputError(f'fabric.{key} is missing, which {by} needs: for example "{example}"')
+        return value
+
+    def out_of_plane(self, by: str) -> tuple[Potential, Potential]:
+        """Moment per width [N] of warp and weft over the curvature [1/m] out of the plane.
+
+        Raises InputError, with ``by`` what it is missed.
+        """
+        laws = []
+        for side in ("warp", "weft"):
+            law = getattr(self, side).out_of_plane_law
+            if law is None:
+                raise InputError(
+                    f"fabric.{side}.out_of_plane_bending is missing, which {by} needs: per width, "
+                    'as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
+                    'for example "0.6 N mm^2"'
+                )
+            laws.append(law)
+        return laws[0], laws[1]
+
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strain e as a law of tension takes it, de/dstretch, d2e/dstretch2: as `stretch`."""
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
@@ -265,7 +304,9 @@ class Fabric:
         def family(yarns: YarnFamily, law: Potential | None) -> str:
             own, density = modulus(yarns.modulus, law, "%", 100.0), format_si(yarns.yarns, "1/m")
             bending = format_si(yarns.yarn_bending, "N*m**2")
-            return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending})"
+            out = yarns.out_of_plane_law
+            across = "" if out is None else f", out of plane {format_si(out.stiffness0, 'N*m')}"
+            return f"({own}, nu {yarns.poisson:g}, {density}, yarn {bending}{across})"
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
         shear = modulus(self.shear_modulus, self.shear_law, "deg", math.degrees(1.0))
@@ -331,11 +372,17 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
     """A law through points in the units `x` and `y`; `most` is the largest x in the usual unit."""
     columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
     limit = Quantity.read(most, x.unit)
-    over, unit, plain = ("angle", "deg", "rad") if x.unit == "rad" else ("strain", "%", "1")
+    over, unit, plain = {
+        "rad": ("angle", "deg", "rad"), "1": ("strain", "%", "1"), "1/m": ("curvature", "1/m", "")
+    }[x.unit]  # fmt: skip
     largest = max(columns[0])
     meant = unit if largest > limit.si * (1.0 + 1e-9) else ""  # 90 degrees are 90 degrees
     # Laws of cloth go beyond 3 degrees, those of yarns beyond 0.05 %.
-    if x.si < 1.0 and largest < Quantity.read("3 deg" if plain == "rad" else "0.05 %", x.unit).si:
+    if (
+        plain
+        and x.si < 1.0
+        and largest < Quantity.read("3 deg" if plain == "rad" else "0.05 %", x.unit).si
+    ):
         meant = plain
     if meant:
         raise ValueError(
@@ -370,6 +417,35 @@ class TensionLawTable(Table):
         return _law_through(self.strain, self.force, self.points, "100 %")
 
 
+def _per_width(bending: Quantity, yarns: float) -> float:
+    """Rigidity per width [N m] of one that may be that of a yarn, of so many per length [1/m]."""
+    return bending.si * (yarns if bending.unit == "N*m**2" else 1.0)
+
+
+class MomentLawTable(Table):
+    """[fabric] warp.out_of_plane_moment and weft.out_of_plane_moment: a law of bending."""
+
+    law: Literal["table"]
+    """Points, joined without bumps."""
+    curvature: Annotated[Quantity, Of("1/m", column=True)]
+    """Unit of the first column."""
+    moment: Annotated[Quantity, Of("N*m/m", column=True)]
+    """Unit of the second column: moment per width."""
+    points: Pairs
+    """Curvature and moment, rising; beyond the last point the last slope goes on.
+    Example: `[[0.5, 0.01], [2, 0.02]]`"""
+
+    @model_validator(mode="after")
+    def _can_be(self) -> MomentLawTable:
+        self.build()
+        return self
+
+    def build(self) -> Potential:
+        """Make the law."""
+        # Nobody bends cloth to a tenth of a millimetre; metres over a column of 1/mm do.
+        return _law_through(self.curvature, self.moment, self.points, "100 /cm")
+
+
 class YarnTable(Table):
     """[fabric] warp and weft."""
 
@@ -386,6 +462,11 @@ class YarnTable(Table):
     """Yarns per length across them."""
     yarn_bending: Annotated[Quantity, Of("N*m**2")] = Quantity("0 N mm^2")
     """In-plane flexural rigidity of one yarn. Above zero for test.bending = true."""
+    out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
+    """For bending out of the plane: per width (N m, as measured with a cantilever or KES) or of one
+    yarn (N m^2), told apart by the unit. Needed in space."""
+    out_of_plane_moment: MomentLawTable | None = None
+    """A law in place of out_of_plane_bending."""
 
     @field_validator("modulus")
     @classmethod
@@ -397,11 +478,25 @@ class YarnTable(Table):
             raise ValueError("cannot stand beside tension, a law in its place")
         return modulus
 
+    @model_validator(mode="after")
+    def _one_bending(self) -> YarnTable:
+        if self.out_of_plane_bending is not None and self.out_of_plane_moment is not None:
+            raise ValueError(
+                ".out_of_plane_bending cannot stand beside out_of_plane_moment, a law in its place"
+            )
+        return self
+
     def build(self) -> tuple[YarnFamily, Potential | None]:
         """Make the family, and its law of tension if it has one."""
+        out: float | Potential | None = None
+        if self.out_of_plane_moment is not None:
+            out = self.out_of_plane_moment.build()
+        elif self.out_of_plane_bending is not None:
+            out = _per_width(self.out_of_plane_bending, self.yarns.si)
         law = None if self.tension is None else self.tension.build()
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
-        return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, self.yarn_bending.si), law
+        bending = self.yarn_bending.si
+        return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, bending, out), law
 
 
 class ShearTable(Table):
@@ -499,10 +594,12 @@ class FabricTable(Table):
     tension: TensionTable | None = None
     """Which strain, and yarns in compression; in place of the library's.
     Example: `{ strain = "log", compression = 0.01 }`"""
+    out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
+    """Of warp and weft alike, as for each of them; in place of theirs, and of the library's."""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
-    """Mass of the yarns per area. For exports (docs/exports.md)."""
+    """Mass of the yarns per area. For gravity and exports (docs/exports.md)."""
     thickness: Annotated[Quantity, Of("m", example="0.5 mm")] | None = None
-    """Of the cloth at rest. For exports and scene.png."""
+    """Of the cloth at rest. For contact, exports and scene.png."""
     fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
     """Of what the yarns consist of. For exports."""
 
@@ -521,8 +618,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, areal_density, thickness and fibre_density may "
-                "stand)"
+                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness "
+                "and fibre_density may stand)"
             )
         if self.use is None and missing:
             raise ValueError(
@@ -549,6 +646,12 @@ class FabricTable(Table):
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
+        if self.out_of_plane_bending is not None:
+            bend = self.out_of_plane_bending
+            warp, weft = (
+                replace(side, out_of_plane_bending=_per_width(bend, side.yarns))
+                for side in (warp, weft)
+            )
         if given["warp"].poisson is None:
             warp = replace(warp, poisson=weft.poisson * warp.modulus / weft.modulus)
         elif given["weft"].poisson is None:

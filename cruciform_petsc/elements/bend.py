@@ -10,13 +10,18 @@ vector, 2 d_1 x d_2 / (|d_1| |d_2| + d_1 . d_2) / l. With n the cloth's normal, 
 (d_1 + d_2) x c, c the direction of the crossing yarns,
 
     W = [ B_in (kappa . n)^2 + B_out (|kappa|^2 - (kappa . n)^2) ] l / 2
+
+or, out of the plane, l times the energy per length of a law of moment over curvature.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numba
 import numpy as np
 
+from ..laws import Potential
 from .level import FREE, STIFFNESS, room
 
 
@@ -82,7 +87,7 @@ def _bends_in_plane(x, length, rigidity, level, energy, force, stiffness):
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
-def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, stiffness):
+def _bends_in_space(x, length, in_plane, slopes, curves, level, energy, force, stiffness):
     # All follows from the products of d_1, d_2 and the chord c, in this order:
     # A = d_1.d_1, B = d_2.d_2, D = d_1.d_2, u = d_1.c, v = d_2.c, C = c.c
     begins, ends = (0, 1, -1, 2, -1, 2, -1), (-1, 0, 1, -1, 2, -1, 2)
@@ -91,7 +96,7 @@ def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, sti
     f, h = np.zeros(6), np.zeros((6, 6))  # derivatives of the energy by the products
     q1, m1, n1 = np.zeros(6), np.zeros(6), np.zeros(6)
     b1, q2, m2, n2 = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    t1, t2 = np.zeros(6), np.zeros((6, 6))
+    t1, t2, s1 = np.zeros(6), np.zeros((6, 6)), np.zeros(6)
     z = np.zeros((3, 3))
     g, k = np.zeros((3, 3)), np.zeros((3, 3, 3, 3))
     for e in range(x.shape[0]):
@@ -121,9 +126,10 @@ def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, sti
         across = (a + b + 2.0 * d) * c - (u + v) ** 2
         m = np.sqrt(across)
         beta = 2.0 * number / (q * m)
-        inner, outer = in_plane[e] / length[e], out_of_plane[e] / length[e]
+        inner, slope, curve = in_plane[e] / length[e], slopes[e], curves[e]
         energy[e, 0] = 0.5 * inner * beta * beta
-        energy[e, 1] = 0.5 * outer * max(whole - beta * beta, 0.0)
+        # Out of the plane by s = |b|^2 - beta^2, of which slope and curve are the derivatives.
+        energy[e, 1] = slope * max(whole - beta * beta, 0.0)
         if level == 0:
             continue
         n1[0], n1[1], n1[2], n1[3], n1[4], n1[5] = v, -u, v - u, -(b + d), a + d, 0.0
@@ -133,10 +139,11 @@ def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, sti
             m1[i] = 0.5 * w1[i] / m
             b1[i] = (2.0 * n1[i] / m - beta * (q1[i] + q * m1[i] / m)) / q
         # |b|^2 = 8 size/q - 4
-        s1 = (0.5 * size / a, 0.5 * size / b, 0.0, 0.0, 0.0, 0.0)
+        z1 = (0.5 * size / a, 0.5 * size / b, 0.0, 0.0, 0.0, 0.0)
         for i in range(6):
-            t1[i] = 8.0 * (s1[i] * q - size * q1[i]) / (q * q)
-            f[i] = (inner - outer) * beta * b1[i] + 0.5 * outer * t1[i]
+            t1[i] = 8.0 * (z1[i] * q - size * q1[i]) / (q * q)
+            s1[i] = t1[i] - 2.0 * beta * b1[i]
+            f[i] = inner * beta * b1[i] + slope * s1[i]
         for p in range(3):
             for i in range(3):
                 g[p, i] = 0.0
@@ -174,7 +181,8 @@ def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, sti
                 t2[i, j] = (
                     8.0 * q2[i, j] - t1[i] * q1[j] - t1[j] * q1[i] - (whole + 4.0) * q2[i, j]
                 ) / q
-                h[i, j] = (inner - outer) * (b1[i] * b1[j] + beta * bb) + 0.5 * outer * t2[i, j]
+                bent = b1[i] * b1[j] + beta * bb
+                h[i, j] = inner * bent + slope * (t2[i, j] - 2.0 * bent) + curve * s1[i] * s1[j]
         for p in range(3):
             for r in range(3):
                 for i in range(3):
@@ -208,7 +216,24 @@ def _bends_in_space(x, length, in_plane, out_of_plane, level, energy, force, sti
                         stiffness[e, p, i, r, j] = value
 
 
-def bends(x, length, in_plane, out_of_plane=None, level: int = STIFFNESS, out=None):
+def _by_law(squared, length, rigidity, moment, family):
+    """Energy out of the plane, and its derivatives by s = (l kappa)^2 (n,); see bends."""
+    energy, slope, curve = np.empty((3, len(squared)))
+    kappa = np.maximum(np.sqrt(squared), 1e-10) / length
+    for i, law in enumerate(moment):
+        at = np.flatnonzero(family == i)
+        psi, psi1, psi2 = rigidity[at] / law.stiffness0 * np.array(law.evaluate(kappa[at]))
+        energy[at] = length[at] * psi
+        slope[at] = psi1 / (2.0 * kappa[at] * length[at])
+        curve[at] = (psi2 - psi1 / kappa[at]) / (4.0 * kappa[at] ** 2 * length[at] ** 3)
+    curve[squared < 1e-16] = 0.0
+    return energy, slope, curve
+
+
+def bends(
+    x, length, in_plane, out_of_plane=None, level: int = STIFFNESS, out=None,
+    moment: Sequence[Potential] = (), family=None,
+):  # fmt: skip
     """Energy, force and stiffness of yarns that bend at a point, in the plane or in space.
 
     Parameters
@@ -224,6 +249,11 @@ def bends(x, length, in_plane, out_of_plane=None, level: int = STIFFNESS, out=No
         bending out of it, N m^2.
     level, out
         As for cruciform.cruciforms.
+    moment : sequence of Potential, optional
+        Laws of the moment out of the plane over the curvature (1/m), of which only the shape
+        counts: the rigidity is that at rest.
+    family : int (n,), optional
+        Which of the laws each bend has.
 
     Returns
     -------
@@ -237,5 +267,12 @@ def bends(x, length, in_plane, out_of_plane=None, level: int = STIFFNESS, out=No
     if dim == 2:
         _bends_in_plane(x, length, in_plane, level, *out)
     else:
-        _bends_in_space(x, length, in_plane, out_of_plane, level, *out)
+        slope, curve = 0.5 * np.asarray(out_of_plane) / length, np.zeros(n)
+        if moment:
+            bare = room(n, 2, points, dim, 0)
+            _bends_in_space(x, length, in_plane, np.ones(n), curve, 0, *bare)
+            told, slope, curve = _by_law(bare[0][:, 1], length, out_of_plane, moment, family)
+        _bends_in_space(x, length, in_plane, slope, curve, level, *out)
+        if moment:
+            out[0][:, 1] = told
     return out

@@ -85,7 +85,7 @@ class BiasExtension(Experiment):
         """Clamp the lower edge; clamp or guide the upper one. Collective."""
         grips = [Grip(edge, constraints.clamp(edge)) for edge in self.clamps]
         if self.upper != "grip":
-            grips.append(Grip("upper", constraints.guide("upper", PULL, 0.0)))
+            grips.append(Grip("upper", constraints.guide("upper", PULL, 0.0, in_plane=False)))
         return grips
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:

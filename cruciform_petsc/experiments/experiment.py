@@ -21,7 +21,7 @@ from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
 from ..quantities import EXTENSION, LOAD, Quantity, quantity
-from ..small.network import LinearNetwork
+from ..small.network import MODES, LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
@@ -56,13 +56,11 @@ class Experiment:
         Of the kind's first control: extension, angle, strain or load; with units or in SI.
     options : dict, optional
         PETSc options for the solver, without the prefix.
-    out_of_plane : (float, float), optional
-        Rigidity of warp and weft for bending out of the plane, per width, N m. Finite deformation
-        is solved in space then, with z held.
     **keys
         Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (False: small
         displacements; by default only where something asks for them), ``bending`` (whether yarns
-        resist it in the plane), ``increments`` (finite deformation: at least so many steps to the
+        resist it in the plane), ``space`` (the cloth may leave the plane, but on clamps and guides)
+        and ``imperfection``, ``increments`` (finite deformation: at least so many steps to the
         largest value), the controls by name, and the kind's own, which become attributes.
 
     Attributes
@@ -96,6 +94,8 @@ class Experiment:
     captions: ClassVar[dict[str, str]] = {}
     # Edges that are drawn as bars.
     clamps: tuple[str, ...] = ("lower", "upper")
+    # In space: hold z of all nodes all the same.
+    flat = False
 
     def __init__(
         self,
@@ -103,7 +103,6 @@ class Experiment:
         control: Any = None,
         *,
         options: dict | None = None,
-        out_of_plane: tuple[float, float] | None = None,
         **keys: Any,
     ):
         # What the kind prescribes; `by_load`: a load in its place.
@@ -122,10 +121,9 @@ class Experiment:
             raise InputError(
                 f"test.{test.control} has no value other than zero, so nothing would happen"
             )
-        self.network, self.options, self.out_of_plane = network, options or {}, out_of_plane
+        self.network, self.options = network, options or {}
         self.size, self.middle = network.preform.size, network.preform.middle
-        if out_of_plane is not None and not test.finite:
-            raise InputError("small displacements are in the plane: out_of_plane needs finite")
+        self.space, self.imperfection = test.space, test.imperfection
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():
             if key not in test.controls:
@@ -134,6 +132,11 @@ class Experiment:
         cure = "choose a coarser pitch (refine, yarns_per_cruciform), a smaller outline or more"
         what = f"the network has {count} crossovers"
         check_memory(network.comm, each * count, what, f"{cure} machines")
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Modes of deformation that have a strain energy."""
+        return (*MODES, "out_of_plane_bending") if self.space else MODES
 
     # -- what a kind of test says ---------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Stage, Step
 from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
+from ..items.loads import imperfection
 from ..items.ply import Ply
 from ..laws import Potential
 from ..net.edges import Constraints
@@ -52,7 +53,12 @@ class FiniteTest:
         self.experiment, self.network = experiment, experiment.network
         constraints = Constraints(self.network, experiment.bending)
         self.grips = experiment.grip(constraints)
-        self.ply = Ply(constraints, experiment.out_of_plane)
+        out_of_plane, waves = None, experiment.imperfection
+        if experiment.space:
+            out_of_plane = self.network.fabric.out_of_plane("test.space = true")
+        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        if waves is not None:
+            self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.model = model_of(self.ply)
         self._hold = holder(self.ply)
 
@@ -183,7 +189,8 @@ def solve_finite(
     )
 
     def take(step: Step, path: Path) -> None:
-        loads, energies = test.ply.loads.modes, step.increment.energies
+        loads = {mode for item in test.model.items if item.is_load for mode in item.modes}
+        energies = step.increment.energies
         energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
         state = test.result_state(step.state, Measured(step.increment.load, step.forces))
         increment = replace(step.increment, energies=energies, columns=found.row(state))

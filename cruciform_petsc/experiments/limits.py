@@ -173,6 +173,13 @@ def _finite(result: TestResult, largest: float) -> list[str]:
             f"yarns are compressed by up to {-100 * shortest:.2g} % and carry that like tension; "
             "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
         )
+    if experiment.space and experiment.imperfection is None:
+        mended = any(increment.shifted for increment in result.increments)
+        sentences.append(
+            "the cloth may leave its plane but starts exactly flat: wrinkles start from rounding, "
+            f"if at all{', though the flat cloth became unstable' if mended else ''} "
+            "(test.imperfection gives them a seed)"
+        )
     cuts = [increment for increment in result.increments if increment.cuts]
     if cuts:
         sentences.append(

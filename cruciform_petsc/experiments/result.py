@@ -13,9 +13,8 @@ import numpy as np
 import shapely
 
 from ..net.lattice import SHORTEST_ARM
-from ..parallel import least, quantile
+from ..parallel import least, most, quantile
 from ..quantities import LOAD
-from ..small.network import MODES
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -41,8 +40,8 @@ class State:
     """A deformed state of a network, in SI.
 
     ``load`` is that of the test, of a biaxial one what does the work of both its forces. ``fields``
-    (see LinearNetwork.crossover_fields) and ``node_displacement`` (n_local network
-    nodes, 2) in x and y may be callables that give them; ``forces`` (x, y) hold the gripped edges.
+    (see LinearNetwork.crossover_fields) and ``node_displacement`` (n_local network nodes, dim) in
+    x, y (and z) may be callables that give them; ``forces`` (x, y) hold the gripped edges.
     """
 
     def __init__(self, control, load, fields, node_displacement, forces=None):
@@ -184,8 +183,15 @@ class TestResult:
     def energies(self) -> dict[str, np.ndarray]:
         """Strain energy of each mode for each state, J. Collective."""
         fields = [state.fields for state in self.states]
-        own = np.array([[at[f"{mode}_energy"].sum() for at in fields] for mode in MODES])
-        return dict(zip(MODES, self.network.comm.allreduce(own), strict=True))
+        modes = self.experiment.modes
+        own = np.array([[at[f"{mode}_energy"].sum() for at in fields] for mode in modes])
+        return dict(zip(modes, self.network.comm.allreduce(own), strict=True))
+
+    @property
+    def heights_max(self) -> np.ndarray:
+        """In space, largest distance of a crossover from the plane in each state, m. Collective."""
+        heights = [abs(state.fields["displacement"][:, 2:]) for state in self.states]
+        return np.array([most(self.network.comm, z, 0.0) for z in heights])
 
     # -- shear angles -----------------------------------------------------------------------------
 
@@ -315,6 +321,8 @@ class TestResult:
         if self.experiment.has_zones:
             for zone, angle in self.zone_angles().items():
                 columns[f"shear_{zone}_deg"] = np.rad2deg(angle)
+        if self.experiment.space:
+            columns["height_max_mm"] = 1e3 * self.heights_max
         columns |= {f"energy_{mode}_J": value for mode, value in self.energies().items()}
         return columns | self.experiment.extra_columns(self)
 

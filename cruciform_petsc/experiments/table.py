@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import Problems
-from ..fields import Count, Of, Quantities, Table, si_values
+from ..fields import Count, Of, Quantities, Size, Table, si_values
 from ..units import format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
@@ -19,6 +19,16 @@ MOST_INCREMENTS = 100_000
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
+
+
+class ImperfectionTable(Table):
+    """[test] imperfection: what the cloth is not flat by, so that it knows which way to buckle."""
+
+    height: Size
+    """Greatest height of waves over the cloth, which it has where nothing loads or holds it.
+    Example: `"0.1 mm"`"""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Another number, other waves; the same ones on any number of processes and for any pitch."""
 
 
 class TestTable(Table):
@@ -44,6 +54,11 @@ class TestTable(Table):
     something asks for small displacements: model = "separate" or continuum.ladder."""
     bending: bool = True
     """Yarns bend in the plane; false: they are hinged."""
+    space: bool = False
+    """The cloth may leave its plane and buckle, with finite = true."""
+    imperfection: ImperfectionTable | None = None
+    """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
+    from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
@@ -54,6 +69,14 @@ class TestTable(Table):
         if len(given) != 1:
             got = "both" if given else "neither"
             raise ValueError(f"needs exactly one of {' and '.join(self.controls)}, got {got}")
+        return self
+
+    @model_validator(mode="after")
+    def _in_space(self) -> TestTable:
+        if self.space and not self.finite:
+            raise ValueError(".space = true needs finite = true: small displacements are flat")
+        if self.imperfection is not None and not self.space:
+            raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
         return self
 
     @classmethod
@@ -88,6 +111,9 @@ class TestTable(Table):
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
+        if self.space:
+            with problems.caught():
+                fabric.out_of_plane("test.space = true")
         largest, length = max(map(abs, self.values_si)), float(preform.size[1])
         if self.controls[self.control] == "m" and largest > TOO_FAR * length:
             problems.append(

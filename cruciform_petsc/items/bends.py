@@ -34,7 +34,10 @@ class Bends(Item):
         parts = [part for family in (0, 1) for part in _family(ply, family)]
         columns = [np.concatenate(part) for part in zip(*parts, strict=True)]
         nodes, self.length, self.in_plane, self.out_of_plane, self.crossover = columns[:5]
-        self._clamp, self._along = columns[5:]  # of clamped nodes or -1; at rest, towards the bend
+        # Of clamped nodes or -1; at rest, towards the bend; warp or weft
+        self._clamp, self._along, self._family = columns[5:]
+        curved = any(law.name != "linear" for law in ply.out_of_plane)
+        self._moment = ply.out_of_plane if curved else ()
         self.nodes = nodes.astype(np.int32)
 
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
@@ -45,30 +48,36 @@ class Bends(Item):
             turn = turns(state)[self._clamp[rows][at]]
             place[at, 0] -= unit(np.einsum("mij,mj->mi", turn, self._along[rows][at]))
         return bend.bends(
-            place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level
-        )
+            place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level,
+            moment=self._moment, family=self._family[rows],
+        )  # fmt: skip
 
 
 def _part(ply, rows, points, length, in_plane, out, following=None, clamp=None, along=None):
-    """Bends that belong to crossovers ``rows``, as columns; ``following``: their second hinges."""
+    """Bends that belong to crossovers ``rows``, as columns; ``following``: their second hinges.
+
+    ``out`` (n_local,): rigidity out of the plane at hinges.
+    """
     n = len(rows)
+    hinge = ply.nodes.of_hinge[rows]
+    out = 0.5 * (out[hinge] + out[hinge if following is None else following])
     crossover = np.column_stack([rows, rows])
     family, before, at, after = points
     nodes = [before, at, after]
     if following is not None:
         crossover[:, 1] = ply.crossover_of[following]
     if ply.dim == 3:
-        hinge = ply.nodes.of_hinge[rows]
         nodes += [*ply.nodes.crossing[family, hinge].T]
         nodes += [*ply.nodes.crossing[family, hinge if following is None else following].T]
     return (
         np.column_stack(nodes),
         length,
         np.broadcast_to(np.asarray(in_plane, float), n),
-        np.broadcast_to(np.asarray(out, float), n),
+        out,
         crossover,
         np.full(n, -1) if clamp is None else clamp,
         np.zeros((n, ply.dim)) if along is None else np.broadcast_to(along, (n, ply.dim)),
+        np.full(n, family),
     )
 
 
@@ -85,7 +94,12 @@ def _family(ply: PlyNodes, family: int) -> list[tuple]:
     yarn = fabric.warp if family == 0 else fabric.weft
     stiff = yarn.yarn_bending * yarn.yarns * width
     straightener = fabric.shear_modulus * network.pitch.prod() * network.pitch.mean()
-    out = ply.out_of_plane[family] * width
+    # Out of the plane per width: at an edge, and on a plane of symmetry, of what there is of it.
+    along = length[:, family] + length[:, family + 2]
+    wide = network.quadrant_area.sum(axis=1) / np.where(along > 0, along, np.inf)
+    out = np.zeros(ply.nodes.num_nodes_local)
+    out[hinge] = ply.out_of_plane[family].stiffness0 * np.minimum(wide, width)
+    ply.nodes.halo.forward(out)
     slaved = np.zeros(length.shape, bool)
     slaved[network.boundary_crossovers] = supports.slaved
     slaved = slaved[:, family] | slaved[:, family + 2]
@@ -97,6 +111,8 @@ def _family(ply: PlyNodes, family: int) -> list[tuple]:
         along_yarn = True
     held = constraints.held[network.arm_node]
     held = held & constraints.held_arm[network.arm_node, np.arange(4)]
+    # At a plane of symmetry, too, a direction is held: the plane's normal.
+    held |= constraints.mirrored_arm[network.arm_node, np.arange(4)]
     parts = []
 
     rows = np.flatnonzero(wanted & (length[:, family] > 0) & (length[:, family + 2] > 0))

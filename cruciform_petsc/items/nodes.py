@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..laws import Potential, linear
 from ..net.edges import Constraints
+from ..net.lattice import QUADRANTS
 from ..net.nodes import Nodes
-from ..net.supports import Supports, find_supports
+from ..net.supports import Supports, find_supports, pass_on_loads
 from ..parallel import most
 from .item import Placed
 
@@ -19,11 +21,11 @@ class PlyNodes:
     ----------
     constraints : Constraints
         Edges as they are clamped, guided and loaded.
-    out_of_plane : (float, float), optional
-        Rigidity of warp and weft for bending out of the plane, per width, N m. The ply lies in
-        space then, its rest in the plane z = 0.
+    out_of_plane : pair of float or Potential, optional
+        Rigidity of warp and weft for bending out of the plane, per width, N m; or the moment per
+        width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
-        In space: hold z of all nodes.
+        In space: hold z of all nodes, not only on clamps and guides.
 
     Attributes
     ----------
@@ -41,13 +43,15 @@ class PlyNodes:
     def __init__(
         self,
         constraints: Constraints,
-        out_of_plane: tuple[float, float] | None = None,
+        out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
     ):
         self.constraints, self.network = constraints, constraints.network
         self.bending, self.comm = constraints.bending, constraints.network.comm
         self.dim = 2 if out_of_plane is None else 3
-        self.out_of_plane = out_of_plane or (0.0, 0.0)
+        self.out_of_plane = [
+            law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
+        ]
         self.supports: Supports = find_supports(constraints)
         self.nodes = Nodes(self.network, self.dim)
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
@@ -74,6 +78,7 @@ class PlyNodes:
         self.fixed[nodes.of_network_node, :2] = constraints.fixed[:, :2]
         if dim == 3:
             self.fixed[:, 2] = flat
+            self.fixed[nodes.of_network_node, 2] |= constraints.fixed_z
         nodes.halo.forward(self.fixed)
         self.clamped = np.flatnonzero(constraints.fixed[:, :2].any(axis=1))
         self.clamp_of = np.full(network.num_nodes_local, -1)
@@ -117,6 +122,24 @@ class PlyNodes:
             place[at] += np.einsum("nji,nj->ni", nodes.frame[at], gap)
             turn[self.clamp_of[network_nodes], :2, :2] = gradient
         return nodes.halo.forward(place), turn  # hinges on a clamp may be ghosts elsewhere
+
+    def areas(self, at_hinge: float = 0.0) -> np.ndarray:
+        """Area of cloth at rest that each node stands for, (n_local,), m^2. Collective.
+
+        Each quadrant is shared out: ``at_hinge`` of it, and half of the rest to either arm's end
+        (with 0, as each quadrant's centre has it); the sum is the outline's area.
+        """
+        network, nodes, carrying = self.network, self.nodes, self.supports.carrying
+        share = at_hinge * carrying[:, None]
+        area = np.zeros((network.num_nodes_local, 1))
+        for arms in QUADRANTS.T:
+            at = network.arm_node[:, arms]
+            np.add.at(area[:, 0], at, 0.5 * (1.0 - share) * network.quadrant_area)
+        area = pass_on_loads(self.constraints, self.supports, network.halo.share(area))
+        whole = np.zeros(nodes.num_nodes_local)
+        whole[nodes.of_hinge] = (share * network.quadrant_area).sum(axis=1)
+        whole[nodes.of_network_node] += area[:, 0]
+        return nodes.halo.forward(whole)
 
     # -- results --------------------------------------------------------------------------------
 

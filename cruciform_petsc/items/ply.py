@@ -28,12 +28,14 @@ class Ply(PlyNodes):
     Attributes
     ----------
     cruciforms, bends, loads : items
+    further : list of Item
+        More that acts on this ply: an imperfection, gravity, a pressure.
     """
 
     def __init__(
         self,
         constraints: Constraints,
-        out_of_plane: tuple[float, float] | None = None,
+        out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
     ):
         super().__init__(constraints, out_of_plane, flat)
@@ -45,6 +47,7 @@ class Ply(PlyNodes):
         )
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
+        self.further: list[Item] = []
 
     def with_shear_law(self, law: Potential) -> Ply:
         """The same ply of cloth with another shear law; all else is shared."""
@@ -56,7 +59,7 @@ class Ply(PlyNodes):
     @property
     def items(self) -> list[Item]:
         """What adds to equilibrium."""
-        return [self.cruciforms, self.bends, self.loads]
+        return [self.cruciforms, self.bends, self.loads, *self.further]
 
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a crossover, radians. Collective."""

@@ -31,8 +31,11 @@ class Constraints:
         self.held = np.zeros(n, bool)
         # Directions (arms 1 to 4) in which a yarn leaves the preform through a clamp at this node.
         self.held_arm = np.zeros((n, 4), bool)
+        # Directions in which a yarn crosses a plane of symmetry at this node, at right angles.
+        self.mirrored_arm = np.zeros((n, 4), bool)
         self.tied = np.zeros(n, bool)  # the first displacement is one common unknown of all
         self.guided = np.zeros(n, bool)  # the first displacement is prescribed, by a guide
+        self.fixed_z = np.zeros(n, bool)  # in space: not to leave the plane
         # Loads in the yarn frame, N; complete on every rank that has the node.
         self.force = np.zeros((n, 2))
 
@@ -62,7 +65,7 @@ class Constraints:
         Returns the local nodes.
         """
         nodes = self.nodes_on(edge)
-        self.fixed[nodes] = True
+        self.fixed[nodes] = self.fixed_z[nodes] = True
         self.frame[nodes] = np.eye(2)  # also where another edge had turned it
         self.tied[nodes] = False
         self.value[nodes, :2] = self.network.to_yarn(np.asarray(displacement, float))
@@ -79,17 +82,19 @@ class Constraints:
             self.held_arm[nodes[self._near(nodes, shapely.linestrings(segment))]] |= leaves
         self.network.halo.forward(self.held_arm)
 
-    def guide(self, edge: str, direction, displacement: float) -> np.ndarray:
+    def guide(self, edge: str, direction, displacement: float, in_plane=True) -> np.ndarray:
         """Move an edge along a direction (x, y) by metres, free across it. Collective.
 
-        Nodes that are clamped already stay so; those that are guided along another direction,
-        too, are held in both by the two displacements. Returns the local nodes.
+        In space it leaves the plane only if not ``in_plane``. Nodes that are clamped already stay
+        so; those that are guided along another direction, too, are held in both by the two
+        displacements. Returns the local nodes.
         """
         nodes = self.nodes_on(edge)
         guided = np.intersect1d(nodes, np.flatnonzero(self.guided & ~self.held))
         before, moved = self.frame[guided, 0], self.value[guided, 0]
         nodes = self._turn(edge, direction)
         self.fixed[nodes, 0] = self.guided[nodes] = True
+        self.fixed_z[nodes] |= in_plane
         self.value[nodes, 0] = displacement
         along, across = self.frame[guided, 0], self.frame[guided, 1]
         sine = (before * across).sum(axis=1)  # of the angle from this direction to that one
@@ -98,6 +103,26 @@ class Constraints:
         cosine = (before * along).sum(axis=1)[other]
         self.fixed[both, 1] = True
         self.value[both, 1] = (moved[other] - cosine * displacement) / sine
+        return nodes
+
+    def symmetry(self, edge: str) -> np.ndarray:
+        """Make a straight edge lie in a plane of symmetry that stands on the cloth. Collective.
+
+        Nodes slide in that plane, in space up and down, too; yarns that meet it at right angles at
+        rest cross it at right angles always, as they go on as their own mirror images. (Yarns that
+        meet it otherwise slide as if hinged there: right where the cloth's mirror image is the same
+        cloth.) Where two planes meet, or a clamp, both hold. Returns the local nodes. Raises
+        InputError if the edge is not straight.
+        """
+        ends = self.network.preform.edge(edge)
+        tangent = ends[:, 1] - ends[:, 0]
+        tangent /= np.hypot(*tangent.T)[:, None]
+        normal = np.array([tangent[0, 1], -tangent[0, 0]])
+        if abs((ends - ends[0, 0]) @ normal).max() > SHORTEST_ARM * self.network.pitch.max():
+            raise InputError(f"the edge '{edge}' is not straight, so it cannot be a symmetry plane")
+        nodes = self.guide(edge, normal, 0.0, in_plane=False)
+        square = self.network.to_lab(self.network.arm_directions) @ normal > 1.0 - 1e-9
+        self.mirrored_arm[nodes] |= square
         return nodes
 
     def tie(self, edge: str, direction, gripped: bool) -> np.ndarray:

@@ -180,6 +180,14 @@ class Network(DistributedNodes):
                 length[:, arm] = np.where(shared[:, arm], 0.5, tail)
         return length, shared
 
+    def has_arm(self, ij: np.ndarray, arm: int) -> np.ndarray:
+        """Whether arms of lattice points (n, 2) join two crossovers, on whichever rank; bool."""
+        yarns, family = (self.warp_yarns, self.weft_yarns)[arm % 2], arm % 2
+        there = ij + ARM_STEP[arm]
+        parts = [yarns.find(at[:, 1 - family], at[:, family]) for at in (ij, there)]
+        joined = (parts[0] >= 0) & (parts[0] == parts[1])
+        return joined & self.has_crossover(ij) & self.has_crossover(there)
+
     # -- nodes ----------------------------------------------------------------------------------
 
     def _make_nodes(self) -> None:

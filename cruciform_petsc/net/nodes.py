@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..parallel import DistributedNodes
+from ..parallel import DistributedNodes, send_by_rank
 from .lattice import ARM_STEP, pack_key
 from .network import Network
 
@@ -31,6 +31,9 @@ class Nodes(DistributedNodes):
         At hinges: the ends of the yarn that crosses the warp, and the weft, there, in its
         direction; -1 at other nodes. Next hinges that are ghosts have them in space only. Where
         that yarn has no arm, the two are one node; or in space those of the crossover beside it.
+    edge_cells : int (m, 8)
+        In space: what is left of cells between four crossovers that the outline cuts, as polygons
+        through arm ends and hinges, anticlockwise, -1 behind the last; each on one rank.
     rest : float (n_local, dim)
         Positions at rest, lab frame, m; z = 0.
     frame : float (n_local, dim, dim)
@@ -50,8 +53,11 @@ class Nodes(DistributedNodes):
         ghost_owner = np.concatenate([network.ghost_owner, network.partition.owner(there[away])])
         super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
+        cells = np.zeros((0, 8), np.int64)
         if dim == 3:
             more = self._crossing_elsewhere(network, hinge_key, next_key, joined, ends)
+            cells, of_cells = _cells_cut(network)
+            more = np.concatenate([more, of_cells])
             ghost_key = np.concatenate([ghost_key, more[:, 0]])
             ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
@@ -63,6 +69,7 @@ class Nodes(DistributedNodes):
         if dim == 3:
             self.halo.forward(crossing)
         found = self.find(crossing)
+        self.edge_cells = np.where(cells >= 0, self.find(cells), np.int32(-1))
         self.crossing = np.where(crossing >= 0, found, -1).swapaxes(0, 1)
         self.rest = np.zeros((self.num_nodes_local, dim))
         self.rest[self.of_network_node, :2] = network.node_position
@@ -97,3 +104,44 @@ class Nodes(DistributedNodes):
             ends[lacking, family] = found[..., 0]
         needed = self.halo.forward(known).reshape(-1, 2)
         return needed[(needed[:, 0] >= 0) & (needed[:, 1] != network.comm.rank)]
+
+
+# Around a cell: its crossovers' steps from the first, and the arms that lead in and out of each.
+_AROUND = ((0, 0, 1, 0), (1, 0, 2, 1), (1, 1, 3, 2), (0, 1, 0, 3))
+
+
+def _cells_cut(network: Network) -> tuple[np.ndarray, np.ndarray]:
+    """Polygons (m, 8) of cut cells, as keys of nodes; other ranks' keys and owners. Collective.
+
+    Each crossover sends the ends of its two arms on a cell to the rank whose the cell's first
+    lattice point is. Between them the polygons go straight.
+    """
+    comm, edge = network.comm, network.boundary_crossovers
+    owner = np.full(network.num_nodes_local, comm.rank, np.int64)
+    owner[network.num_nodes_owned :] = network.ghost_owner
+    records = []
+    for number, (i, j, *arms) in enumerate(_AROUND):
+        corner = network.crossover_ij[edge].astype(np.int64) - [i, j]
+        whole = np.ones(len(edge), bool)
+        for step, arm in (((0, 0), 0), ((0, 0), 1), ((1, 0), 1), ((0, 1), 0)):
+            whole &= network.has_arm(corner + step, arm)
+        nodes = network.arm_node[edge][:, arms]
+        row = [corner, np.full((len(edge), 1), number), network.node_key[nodes], owner[nodes]]
+        records.append(np.concatenate(row, axis=1)[~whole])
+    record = np.concatenate(records)
+    (record,) = send_by_rank(comm, network.partition.owner(record[:, :2]), record)
+    record = record[np.lexsort(record[:, 2::-1].T)]
+    _, first, cell = np.unique(record[:, :2], axis=0, return_index=True, return_inverse=True)
+    key = record[:, 3:5].ravel()
+    cell = np.repeat(cell.ravel(), 2)
+    begin = 2 * first[cell]
+    before = np.where(np.arange(len(key)) == begin, 0, np.arange(len(key)) - 1)
+    last = np.append(begin[1:] == np.arange(1, len(key)), True) if len(key) else np.zeros(0, bool)
+    new = key != np.where(np.arange(len(key)) == begin, -1, key[before])
+    new &= ~(last & (key == key[begin]) & (np.arange(len(key)) > begin))
+    place = np.cumsum(new) - 1
+    place -= place[begin]
+    cells = np.full((len(first), 8), np.int64(-1))
+    cells[cell[new], place[new]] = key[new]
+    ghosts = np.stack([key, record[:, 5:].ravel()], axis=1)
+    return cells, ghosts[ghosts[:, 1] != comm.rank]

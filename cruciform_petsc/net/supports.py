@@ -104,13 +104,16 @@ def find_supports(constraints: Constraints) -> Supports:
     return Supports(round_, source, rotation_source, area, slaved, hinge_share, active)
 
 
-def pass_on_loads(constraints: Constraints, supports: Supports) -> np.ndarray:
+def pass_on_loads(
+    constraints: Constraints, supports: Supports, loads: np.ndarray | None = None
+) -> np.ndarray:
     """Loads with those on crossovers that carry nothing moved to the arm ends they hang on.
 
-    Collective. Returns float (n_local, 2), yarn frame, N; complete on every rank that has the node.
+    Collective. By default those of the edges, (n_local, 2), yarn frame, N; ``loads`` (n_local, k)
+    are others. Complete on every rank that has the node, as they must be before.
     """
     network, round_ = constraints.network, supports.round_
-    force = constraints.force.copy()
+    force = (constraints.force if loads is None else loads).copy()
     for number in range(1, most(network.comm, round_, initial=0) + 1):
         onward = np.zeros(network.num_nodes_local, bool)
         onward[network.arm_node[(round_ == 0) | (round_ > number)]] = True

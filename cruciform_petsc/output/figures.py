@@ -13,7 +13,6 @@ import numpy as np
 from ..experiments.net_kinematics import net_angle
 from ..parallel import least, most
 from ..quantities import EXTENSION, LOAD, force_unit, quantity
-from ..small.network import MODES
 from . import pictures
 from .sample import sample_map, sample_yarns
 from .scene import woven
@@ -212,7 +211,8 @@ def _loads(
 def _energies(result: TestResult, title: str) -> partial[Figure]:
     """Strain energies of the modes all along a finite test."""
     curve = result.curve()
-    names = dict(zip(MODES, MODES, strict=True)) | {"bending": "yarn bending"}
+    names = {mode: mode.replace("_", " ") for mode in result.experiment.modes}
+    names["bending"] = "yarn bending"
     if not result.experiment.bending:
         del names["bending"]
     parts = {name: 1e3 * curve[f"energy_{mode}_J"] for mode, name in names.items()}

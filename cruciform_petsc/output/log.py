@@ -137,7 +137,7 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
     energies = {mode: last(value) for mode, value in summary["energy_j"].items()}
     total = sum(energies.values())
     shares = {mode: round(100 * e / (total or 1.0), 1) + 0.0 for mode, e in energies.items()}
-    texts = [f"{mode} {share:.1f} %" for mode, share in shares.items()]
+    texts = [f"{mode.replace('_', ' ')} {share:.1f} %" for mode, share in shares.items()]
     yield "energy", f"{1e3 * total:.4g} mJ: {', '.join(texts)}"
 
 

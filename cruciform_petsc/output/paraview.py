@@ -30,9 +30,12 @@ if TYPE_CHECKING:
 
 VTK_LINE = 3
 ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
+IN_SPACE = "out_of_plane_bending_energy"
 # What the deformation changes.
 CHANGING = {"Points", "PointData/displacement", "PointData/shear_angle_deg"}
-CHANGING |= {f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES)}
+CHANGING |= {
+    f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES, IN_SPACE)
+}
 Notes = Mapping[str, Any]
 Arrays = Mapping[str, np.ndarray]
 
@@ -66,8 +69,9 @@ def write_state(
 
     Cell data: ``yarn_family`` (0 warp, 1 weft), ``strain`` of the arm, ``tension`` of its yarn
     family at the crossover (N/m), ``shear_angle_deg``, ``tension_energy``, ``shear_energy``,
-    ``bending_energy`` (J; the crossover's, shared out by arm length, so that sums over cells are
-    the network's), ``crossover``, ``carrying`` (0: hangs on by one arm) and ``rank``.
+    ``bending_energy``, in space ``out_of_plane_bending_energy`` (J; the crossover's, shared out by
+    arm length, so that sums over cells are the network's), ``crossover``, ``carrying`` (0: hangs on
+    by one arm) and ``rank``.
 
     Parameters
     ----------
@@ -122,9 +126,10 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     family = arm % 2
     ends = np.column_stack([crossover, point_of_node[network.arm_node[crossover, arm]]])
 
-    in_space = ((0, 0), (0, 1))
     rest = np.concatenate([network.crossover_position, network.node_position[node]])
     moved = np.concatenate([fields["displacement"], state.node_displacement[node]])
+    rest = np.pad(rest, ((0, 0), (0, 1)))
+    moved = np.pad(moved, ((0, 0), (0, 3 - moved.shape[1])))
     shear = np.rad2deg(fields["shear_angle"])
     shear_at_ends = node_means(network, shear)[node]
     tension = np.column_stack([fields["warp_tension"], fields["weft_tension"]])
@@ -135,11 +140,11 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
         "NumberOfPoints": np.full(parts, len(rest)),
         "NumberOfCells": np.full(parts, len(ends)),
         "NumberOfConnectivityIds": np.full(parts, ends.size),
-        "Points": np.pad(rest + moved, in_space),
+        "Points": rest + moved,
         "Connectivity": ends.ravel(),
         "Offsets": 2 * np.arange(len(ends) + parts),
         "Types": np.full(len(ends), VTK_LINE, np.uint8),
-        "PointData/displacement": np.pad(moved, in_space),
+        "PointData/displacement": moved,
         "PointData/shear_angle_deg": np.concatenate([shear, shear_at_ends]).astype("f4"),
         "PointData/crossover": np.concatenate([number, none]),
         "PointData/node": np.concatenate([np.full(n, -1), network.node_number_global[node]]),
@@ -147,7 +152,11 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
         "CellData/strain": fields["arm_strain"][crossover, arm].astype("f4"),
         "CellData/tension": tension[crossover, family].astype("f4"),
         "CellData/shear_angle_deg": shear[crossover].astype("f4"),
-        **{f"CellData/{name}": (share * fields[name][crossover]).astype("f4") for name in ENERGIES},
+        **{
+            f"CellData/{name}": (share * fields[name][crossover]).astype("f4")
+            for name in (*ENERGIES, IN_SPACE)
+            if name in fields
+        },
         "CellData/crossover": number[crossover],
         "CellData/carrying": fields["carrying"][crossover].astype(np.uint8),
         "CellData/rank": np.full(len(arm), network.comm.rank, np.int32),

@@ -278,11 +278,16 @@ def fabric(case: Case) -> dict[str, Any]:
     """The fabric's yarns as a table, the rest in words."""
     fabric = case.fabric()
     sides = (fabric.warp, fabric.weft)
+    laws = [side.out_of_plane_law for side in sides]
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
         ["Poisson's ratio", *(f"{side.poisson:g}" for side in sides)],
         ["yarns", *(format_si(side.yarns, "1/m") for side in sides)],
         ["bending rigidity of a yarn", *(format_si(side.yarn_bending, "N*m**2") for side in sides)],
+        [
+            "bending out of the plane, per width",
+            *(format_si(law.stiffness0, "N*m") if law else "" for law in laws),
+        ],
         ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
     ]
     law = fabric.shear.name

@@ -95,8 +95,8 @@ def sample_yarns(
     Parameters
     ----------
     network : Network
-    node_displacement : float (n_local, 2)
-        In x and y, metres, ghosts filled.
+    node_displacement : float (n_local, dim)
+        In x and y (and z, which is not looked at), metres, ghosts filled.
     fields : dict
         Of this rank's crossovers, see LinearNetwork.crossover_fields.
     limit : int
@@ -107,7 +107,7 @@ def sample_yarns(
     if values is None:
         values = 2 * [np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)]
     rest = np.concatenate([network.crossover_position, network.node_position])
-    moved = np.concatenate([fields["displacement"], node_displacement])
+    moved = np.concatenate([fields["displacement"], node_displacement])[:, :2]
     every = _stride(network, limit)
     own = []
     for family, of_crossovers in enumerate(values):

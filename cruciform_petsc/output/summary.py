@@ -12,7 +12,6 @@ import numpy as np
 from ..experiments.result import EFFORT, SHARE
 from ..parallel import most, quantile
 from ..quantities import EXTENSION, LOAD
-from ..small.network import MODES
 from .provenance import provenance
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         "extension_m": values(experiment.extensions(result)),
         "shear_centre_deg": values(curve["shear_centre_deg"]),
         "shear_max_deg": values(curve["shear_max_deg"]),
-        "energy_j": {mode: values(curve[f"energy_{mode}_J"]) for mode in MODES},
+        "energy_j": {mode: values(curve[f"energy_{mode}_J"]) for mode in experiment.modes},
     }
     for name, column in curve.items():
         if name not in (LOAD.column, EXTENSION.column) and not name.startswith("energy_"):

@@ -23,6 +23,11 @@ bias_angle = "45 deg"
 extension = "1 mm"
 """
 
+OWN_FABRIC_KEYS = (
+    'fabric={warp={modulus="1 N/cm", poisson=0, yarns="1 /cm", yarn_bending="1 N mm^2"}, '
+    'weft={modulus="1 N/cm", poisson=0, yarns="1 /cm", yarn_bending="1 N mm^2"}, '
+    'shear={modulus="1 N/cm"}}'
+)
 OWN_FABRIC = """
 [fabric]
 warp = { modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }
@@ -304,7 +309,8 @@ def test_bad_override(write, override):
         (
             ['fabric={warp={modulus="1 N/cm", poisson=0.1, yarns="1 /cm", colour=1}}'],
             '[fabric.warp] has the unknown key "colour" '
-            "(known: tension, modulus, poisson, yarns, yarn_bending)",
+            "(known: tension, modulus, poisson, yarns, yarn_bending, out_of_plane_bending, "
+            "out_of_plane_moment)",
         ),
         (["title.x=3"], '--set "title.x=3": title is a value, not a table'),
         (["preform.refine=4.5"], "preform.refine must be a whole number, got 4.5"),
@@ -355,7 +361,8 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, areal_density, thickness and fibre_density may stand)",
+            "shear, tension, out_of_plane_bending, areal_density, thickness and fibre_density may "
+            "stand)",
         ),
         (
             ["fabric.shear.law=spline"],
@@ -406,8 +413,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, finite, bending, increments, '
-            "extension)",
+            '[test] has the unknown key "load" (known: kind, finite, bending, space, imperfection, '
+            "increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
@@ -530,6 +537,28 @@ def test_bad_override(write, override):
         (
             ["solver.options={ksp_rtol=[1]}"],
             'solver.options "ksp_rtol" must be a number from 1e-16 to 1, got [1]',
+        ),
+        (
+            ["test.space=true"],
+            "test.space = true needs finite = true: small displacements are flat",
+        ),
+        (
+            ["test.finite=true", 'test.imperfection={height="1 mm"}'],
+            "test.imperfection needs space = true: in the plane nothing can buckle",
+        ),
+        (
+            ["test.finite=true", "test.space=true", 'test.imperfection={height="-1 mm"}'],
+            'test.imperfection.height must be positive, got "-1 mm"',
+        ),
+        (
+            ["test.finite=true", "test.space=true", "output.exports=true"],
+            "output.exports = true is for flat cloth, it needs test.space = false",
+        ),
+        (
+            [OWN_FABRIC_KEYS, "test.finite=true", "test.space=true"],
+            "fabric.warp.out_of_plane_bending is missing, which test.space = true needs: per "
+            'width, as measured with a cantilever or KES, for example "0.2 N mm", or per yarn, '
+            'for example "0.6 N mm^2"',
         ),
         (
             ["a=1", "b=1", "c=1", "d=1"],

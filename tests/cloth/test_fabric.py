@@ -515,6 +515,74 @@ def test_bad_laws_in_a_table(change, message):
     assert str(caught.value) == message
 
 
+def woven(**warp):
+    """A cloth as in a case file, with more keys of the warp."""
+    side = {"modulus": "520 N/cm", "poisson": 0, "yarns": "2.4 /cm"}
+    table = {"warp": side | warp, "weft": side, "shear": {"modulus": "1 N/cm"}}
+    return Fabric.from_table("woven", table)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["0.144 N mm", "0.6 N mm^2", "1.44e-4 N m", "6e-7 N m^2", "144 N mm^2/m", "1.4684 gf cm^2/cm"],
+)
+def test_bending_out_of_the_plane(text):
+    """Per width, or per yarn times the yarns: the unit tells which (2.4 /cm)."""
+    rigidity = woven(out_of_plane_bending=text).warp.out_of_plane_bending
+    assert rigidity == pytest.approx(1.44e-4, rel=1e-4)
+
+
+def test_moments_out_of_the_plane():
+    """A table in place of the rigidity: moment per width over curvature; Peirce's units will do."""
+    moment = {"law": "table", "curvature": "1/cm", "moment": "N mm/mm"}
+    moment["points"] = [[0.1, 0.02], [1, 0.05]]
+    law = woven(out_of_plane_moment=moment).warp.out_of_plane_bending
+    np.testing.assert_allclose(law.evaluate([10.0, 100.0])[1], [0.02, 0.05])
+    assert law.name == "table"
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"out_of_plane_bending": "1 N"}, '.out_of_plane_bending = "1 N" has the unit "N", which '
+         'is not that of a flexural rigidity per width like "0.2 N mm", nor a flexural rigidity '
+         'like "0.6 N mm^2"'),
+        ({"out_of_plane_bending": 1e-3}, ".out_of_plane_bending is the bare number 0.001"),
+        ({"out_of_plane_bending": "0 N mm"}, ".out_of_plane_bending must be positive and finite"),
+        ({"out_of_plane_bending": "1 N mm", "out_of_plane_moment": {"law": "table",
+          "curvature": "1/m", "moment": "N mm/m", "points": [[1, 1]]}},
+         ".out_of_plane_bending cannot stand beside out_of_plane_moment"),
+        ({"out_of_plane_moment": {"law": "table", "curvature": "1/mm", "moment": "N",
+          "points": [[20, 1]]}}, '.points go up to 200 /cm, is curvature = "1/m" meant?'),
+    ],
+)  # fmt: skip
+def test_bending_that_cannot_be(keys, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        woven(**keys)
+
+
+def test_what_a_fabric_lacks():
+    """Said by the key, with what wants it and an example; all fabrics of the library bend."""
+    with pytest.raises(InputError, match="fabric.weft.out_of_plane_bending is missing, which this"):
+        woven(out_of_plane_bending="1 N mm").out_of_plane("this")
+    message = 'fabric.areal_density is missing, which gravity needs: for example "576 g/m^2"'
+    with pytest.raises(InputError, match=re.escape(message)):
+        woven().needed("areal_density", "gravity")
+    for name in fabric_names():
+        fabric = Fabric.from_library(name)
+        assert all(1e-5 < law.stiffness0 < 0.1 for law in fabric.out_of_plane("this")), name
+        assert "out of plane" in repr(fabric)
+
+
+def test_bending_beside_a_fabric_of_the_library():
+    """Measured rigidities in place of the assumed ones, of both families; per width or per yarn."""
+    for text, rigidity in (("0.5 N mm", 5e-4), ("1 N mm^2", 2.4e-4)):
+        fabric = Fabric.from_library("e-glass-plain-2.4", {"out_of_plane_bending": text})
+        laws = fabric.out_of_plane("this")
+        assert [law.stiffness0 for law in laws] == pytest.approx([rigidity, rigidity])
+        assert fabric.name == "e-glass-plain-2.4, out_of_plane_bending replaced"
+
+
 # -- what may be left out ---------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ from support.kernels import DEGREE, is_gradient, rotation
 
 from cruciform_petsc.elements.bend import bends
 from cruciform_petsc.elements.level import ENERGY, FORCE
+from cruciform_petsc.laws import linear, odd_polynomial, table
 
 
 def bent(n=40, seed=6, dim=2):
@@ -198,3 +199,39 @@ def test_straight_yarn_in_space():
         )
     assert abs(stiffness[0, :, 0]).max() < 1e-12
     assert abs(stiffness[0, 3:]).max() < 1e-12
+
+
+LAWS = [odd_polynomial([2.0, -0.1]), table([0.5, 2.0, 5.0], [3.0, 5.0, 6.0])]
+
+
+def test_law_of_moment_slow_energy():
+    """B_out/B_0 times the law's energy at the curvature out of the plane, times the length."""
+    x, chord, length, inner, outer = bent_in_space()
+    places, which = with_chord(x, chord), np.arange(len(x)) % 2
+    plain = bends(places, length, inner, outer, ENERGY)[0]
+    energy = bends(places, length, inner, outer, ENERGY, moment=LAWS, family=which)[0]
+    np.testing.assert_array_equal(energy[:, 0], plain[:, 0])
+    for m, law in enumerate(LAWS[i] for i in which):
+        kappa = np.sqrt(2 * plain[m, 1] / outer[m] / length[m])
+        expected = length[m] * outer[m] * law.evaluate(kappa)[0] / law.stiffness0
+        assert energy[m, 1] == pytest.approx(expected, rel=1e-9)
+    straight = bends(places, length, inner, outer, moment=[linear(7.0)], family=0 * which)
+    for one, other in zip(straight, bends(places, length, inner, outer), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * abs(other).max())
+
+
+def test_law_of_moment_gradients():
+    """Force and stiffness with a law, also of yarns that are straight."""
+    x, chord, length, inner, outer = bent_in_space()
+    places, which = with_chord(x, chord), np.arange(len(x)) % 2
+
+    def at(y, level):
+        return bends(y, length, inner, outer, level, moment=LAWS, family=which)
+
+    force, stiffness = at(places, 2)[1:]
+    is_gradient(lambda y: at(y, ENERGY)[0].sum(axis=1), force, places, 1e-6, 1e-6)
+    is_gradient(lambda y: at(y, FORCE)[1], stiffness, places, 1e-6, 1e-5)
+    places[:, 2] = 2 * places[:, 1] - places[:, 0]
+    plain, law = bends(places, length, inner, outer), at(places, 2)
+    np.testing.assert_allclose(law[1], plain[1], atol=1e-9)
+    np.testing.assert_allclose(law[2], plain[2], atol=1e-6 * abs(plain[2]).max())

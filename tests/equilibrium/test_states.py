@@ -17,6 +17,7 @@ from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.finite import FiniteTest
+from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.laws import odd_polynomial
@@ -152,6 +153,15 @@ def test_a_stage_by_load_starts_anywhere_too():
     np.testing.assert_allclose(by_load.controls, [2e-3, 3e-3], rtol=1e-7)
 
 
+def bent(fabric):
+    """With rigidities out of the plane."""
+    return replace(
+        fabric,
+        warp=replace(fabric.warp, out_of_plane_bending=1e-3),
+        weft=replace(fabric.weft, out_of_plane_bending=4e-4),
+    )
+
+
 SIDE = 6 * PITCH
 FLAT_TESTS = {
     "bias": (BiasExtension, diagonals(4, 8), TABLE_1, {"extension": ["3 mm", "8 mm"]}),
@@ -189,11 +199,11 @@ def test_flat_tests_in_space(name, bending):
     if kind is Cantilever and not bending:
         return
     flat, space = (
-        kind(
-            network(preform, fabric), finite=True, bending=bending, out_of_plane=rigidity, **values
-        ).solve()
-        for rigidity in (None, (1e-3, 4e-4))
+        kind(network(preform, bent(fabric)), finite=True, bending=bending, space=space, **values)
+        for space in (False, True)
     )
+    space.flat = True
+    flat, space = flat.solve(), space.solve()
     for force, values in flat.forces.items():
         np.testing.assert_allclose(space.forces[force], values, rtol=1e-8)
     np.testing.assert_allclose(space.controls, flat.controls, rtol=1e-8)
@@ -212,7 +222,36 @@ def test_flat_tests_in_space(name, bending):
     energies = flat.energies()
     total = sum(value[-1] for value in energies.values())
     for mode, value in space.energies().items():
-        np.testing.assert_allclose(value, energies[mode], atol=1e-8 * total)
+        np.testing.assert_allclose(value, energies.get(mode, 0.0), atol=1e-8 * total)
+
+
+@pytest.mark.parametrize("name", FLAT_TESTS)
+def test_tests_that_may_leave_the_plane(name):
+    """Each kind also runs in space, and an imperfection takes it out of the plane a little."""
+    kind, preform, fabric, values = FLAT_TESTS[name]
+    test = kind(
+        network(preform, bent(fabric)),
+        finite=True,
+        space=True,
+        imperfection={"height": "0.1 mm", "seed": 1},
+        **values,
+    )
+    result = test.solve()
+    assert (result.heights_max > 5e-6).all()
+    assert result.energies()["out_of_plane_bending"][-1] > 0.0
+    held = [grip.nodes for grip in test.grip(Constraints(test.network, True))]
+    lifted = abs(result.node_displacement[np.concatenate(held), 2])
+    assert (lifted.max() == 0.0) != (values.get("upper") == "centre-line")
+    assert not any("exactly flat" in sentence for sentence in warnings(result))
+
+
+def test_without_an_imperfection_nothing_buckles():
+    """Cloth that starts exactly flat stays so; a remark says it, and that it became unstable."""
+    kind, preform, fabric, values = FLAT_TESTS["frame"]
+    result = kind(network(preform, bent(fabric)), finite=True, space=True, **values).solve()
+    assert result.heights_max.max() == 0.0
+    (remark,) = (sentence for sentence in warnings(result) if "exactly flat" in sentence)
+    assert "the flat cloth became unstable" in remark
 
 
 def test_strip_over_an_edge():
@@ -231,14 +270,13 @@ def test_strip_over_an_edge():
         angle = cloth.rest[:, along] / radius
         x[:, along], x[:, 2] = radius * np.sin(angle), radius * (1 - np.cos(angle))
         energies = cloth.model.energies(replace(cloth.state(), x=x))
-        # Whole yarns, also where they are cut along; half a pitch is straight at free ends.
-        made, bends = cloth.network, cloth.ply.bends
-        rigidity *= made.pitch[1 - across]
-        curved = bends.length[np.isclose(bends.out_of_plane, rigidity)].sum()
-        yarns = (made.warp_yarns, made.weft_yarns)[across]
-        length = (yarns.end - yarns.start).sum() * made.pitch[across]
-        assert 0.8 * length < curved < length
-        expected = rigidity * curved / (2 * radius**2)
+        # At edges of what there is of the width; half a pitch is straight at free ends.
+        bends = cloth.ply.bends
+        ends = cloth.rest[bends.nodes[:, 2]] - cloth.rest[bends.nodes[:, 0]]
+        curved = np.flatnonzero(abs(ends[:, along]) > abs(ends[:, 1 - along]))
+        curved = (bends.out_of_plane * bends.length)[curved].sum()
+        assert 0.8 * 0.02 * 0.04 < curved / rigidity < 0.02 * 0.04
+        expected = curved / (2 * radius**2)
         assert energies["out_of_plane_bending"] == pytest.approx(expected, rel=3e-3)
         assert energies["bending"] < 1e-6 * expected
 
@@ -261,19 +299,25 @@ def test_yarns_may_not_lie_on_each_other_in_space():
 
 
 def test_space_needs_finite_deformation():
-    with pytest.raises(InputError, match="out_of_plane needs finite"):
-        BiasExtension(network(diagonals(4, 6)), "1 mm", finite=False, out_of_plane=(1e-3, 1e-3))
+    with pytest.raises(InputError, match="test.space = true needs finite = true"):
+        BiasExtension(network(diagonals(4, 6)), "1 mm", finite=False, space=True)
+    with pytest.raises(InputError, match="test.imperfection needs space = true"):
+        BiasExtension(network(diagonals(4, 6)), "1 mm", imperfection={"height": 1e-4})
+    bare = network(diagonals(4, 6), UNEVEN)
+    with pytest.raises(InputError, match="fabric.warp.out_of_plane_bending is missing, which test"):
+        BiasExtension(bare, "1 mm", finite=True, space=True)
 
 
 def test_what_cannot_be_solved_in_space():
     """Said with the place in x and y, as in the plane."""
     fabric = TABLE_1.with_shear_law(odd_polynomial([96.0, -100.0]))
     said = []
-    for rigidity in (None, (1e-3, 4e-4)):
+    for space in (False, True):
         test = BiasExtension(
             network(diagonals(3, 6), fabric), ["2 mm", "10 mm"], finite=True, bending=False,
-            out_of_plane=rigidity,
+            space=space,
         )  # fmt: skip
+        test.flat = True
         with pytest.raises(EquilibriumError, match=" at x = .* mm, y = .* mm") as caught:
             test.solve()
         said.append(str(caught.value).split("(")[0])

@@ -15,6 +15,7 @@ from cruciform_petsc.elements.level import room
 from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.equilibrium.newton import Equilibrium
 from cruciform_petsc.items.item import Item
+from cruciform_petsc.laws import odd_polynomial, table
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 
@@ -210,3 +211,22 @@ def test_mirrored_cloth():
     for ways in ((-1, 1), (1, -1), (-1, -1)):
         for mode, energy in energies(*ways).items():
             assert energy == pytest.approx(expected[mode], rel=1e-10, abs=1e-18), (mode, ways)
+
+
+def test_each_family_has_its_law_of_moment():
+    """Bent to a cylinder about the weft, or the warp: that family's energy at its curvature."""
+    radius, laws = 0.03, (table([10.0, 40.0], [0.02, 0.03]), odd_polynomial([4e-4, 3e-8]))
+    sides = 6 / np.array([UNEVEN.weft.yarns, UNEVEN.warp.yarns])  # x along the weft
+    constraints = Constraints(Network(MPI.COMM_SELF, Preform.rectangle(*sides, 0.0), UNEVEN), True)
+    constraints.clamp("lower")
+    cloth = Cloth(constraints, None, laws, flat=False)
+    bends = cloth.ply.bends
+    for family, law in enumerate(laws):
+        along = 1 - family  # the warp runs along y
+        angle, x = cloth.rest[:, along] / radius, cloth.rest.copy()
+        x[:, along], x[:, 2] = radius * np.sin(angle), radius * (1 - np.cos(angle))
+        energies = cloth.model.energies(replace(cloth.state(), x=x))
+        own = np.flatnonzero(bends._family == family)
+        area = (bends.out_of_plane * bends.length)[own].sum() / law.stiffness0
+        expected = area * law.evaluate(1 / radius)[0]
+        assert energies["out_of_plane_bending"] == pytest.approx(expected, rel=0.01)

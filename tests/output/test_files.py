@@ -12,7 +12,7 @@ import shapely
 from mpi4py import MPI
 from support.vtkhdf import read_vtkhdf, times_of
 
-from cruciform_petsc import BiasExtension, Fabric, Network, Preform
+from cruciform_petsc import BiasExtension, Biaxial, Fabric, Network, Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.output import pictures
 from cruciform_petsc.output.paraview import ENERGIES, write, write_series, write_state
@@ -177,6 +177,23 @@ def curve():
     """The same strip at finite deformation, twice."""
     network = Network(COMM, Preform.rectangle("40 mm", "80 mm", holes=[CIRCLE[:-1]]), TABLE_1)
     return BiasExtension(network, extension=["2 mm", "6 mm"], finite=True).solve()
+
+
+def test_vtk_reads_cloth_in_space(tmp_path):
+    """Heights and the energy of bending out of the plane; a curve has the largest height."""
+    preform = Preform.rectangle("30 mm", "40 mm", 0.0)
+    result = Biaxial(
+        Network(COMM, preform, TABLE_1), "0.5 %", ratio=-1, finite=True, space=True,
+        imperfection={"height": "0.1 mm", "seed": 2},
+    ).solve()  # fmt: skip
+    write(result, tmp_path / "network.vtkhdf")
+    points, _, point, cell = read_vtkhdf(tmp_path / "network.vtkhdf")
+    assert abs(points[:, 2]).max() > 2e-5
+    np.testing.assert_allclose(point["displacement"][:, 2], points[:, 2], atol=1e-15)
+    energy = cell["out_of_plane_bending_energy"].sum()
+    assert energy == pytest.approx(result.energies()["out_of_plane_bending"][-1], rel=1e-5)
+    height = abs(result.fields["displacement"][:, 2]).max()
+    assert result.curve()["height_max_mm"][-1] == pytest.approx(1e3 * height)
 
 
 def test_vtk_reads_a_series(tmp_path, curve):

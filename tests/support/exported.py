@@ -87,5 +87,7 @@ def moved(network, gradient, loose=()) -> TestResult:
     }
     fields |= {f"{f}_tension": 1e3 * fields[f"{f}_strain"] for f in ("warp", "weft")}
     state = State(1e-3, 0.0, fields, network.node_position @ (gradient - np.eye(2)).T)
-    experiment = SimpleNamespace(network=network, kind="affine", column=EXTENSION, has_zones=False)
+    experiment = SimpleNamespace(
+        network=network, kind="affine", column=EXTENSION, has_zones=False, space=False
+    )
     return TestResult(experiment, supports, 2, [state])

@@ -20,12 +20,15 @@ class Cloth:
     edges : dict of int arrays, optional
         Network nodes of edges that `solve` moves.
     out_of_plane : (float, float), optional
+    loads : sequence of callables, optional
+        Make further items of the ply.
     """
 
-    def __init__(self, constraints, edges=None, out_of_plane=None, flat=True):
+    def __init__(self, constraints, edges=None, out_of_plane=None, flat=True, loads=()):
         self.edges = edges or {}
         self.network = constraints.network
         self.ply = Ply(constraints, out_of_plane, flat)
+        self.ply.further += [make(self.ply) for make in loads]
         self.nodes, self.rest = self.ply.nodes, self.ply.nodes.rest
         self.model = model_of(self.ply)
         self.hold = holder(self.ply)
