@@ -27,6 +27,7 @@ ORDER = [
     {"items"},
     {"equilibrium", "small"},
     {"experiments"},
+    {"forming"},
     {"continuum", "calibration"},
     {"case"},
     {"output"},

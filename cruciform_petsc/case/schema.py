@@ -194,6 +194,12 @@ class Case(Table):
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
+        for key, on in (
+            ("continuum.compare", self.continuum.compare),
+            ("output.exports", self.output.exports),
+        ):
+            if on and self.test.space:
+                problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
         if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "

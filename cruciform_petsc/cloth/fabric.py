@@ -378,11 +378,8 @@ def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str)
     largest = max(columns[0])
     meant = unit if largest > limit.si * (1.0 + 1e-9) else ""  # 90 degrees are 90 degrees
     # Laws of cloth go beyond 3 degrees, those of yarns beyond 0.05 %.
-    if (
-        plain
-        and x.si < 1.0
-        and largest < Quantity.read("3 deg" if plain == "rad" else "0.05 %", x.unit).si
-    ):
+    least = {"rad": "3 deg", "1": "0.05 %"}.get(plain)
+    if least is not None and x.si < 1.0 and largest < Quantity.read(least, x.unit).si:
         meant = plain
     if meant:
         raise ValueError(

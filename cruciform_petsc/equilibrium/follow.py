@@ -10,11 +10,11 @@ import numpy as np
 
 from ..errors import EquilibriumError
 from ..units import format_si
+from .lagged import settle
 from .newton import Equilibrium
 from .stages import Stage, Step
 from .state import Found, State
 
-EASY = 8  # Newton steps after which a step that was cut may grow again
 MOST_CUTS = 10
 MOST_TRIES = 40  # solutions for one load
 
@@ -94,14 +94,14 @@ def follow(
             control, guess = aim.next(last, min(aim.most, path.allowed or aim.most))
             change = abs(control - last.time)
             try:
-                found = equilibrium.solve(guess.at(*_held(stage, control)))
+                found = settle(equilibrium, guess.at(*_held(stage, control)))
             except EquilibriumError:
                 cuts += 1
                 path.allowed = 0.5 * change
                 if path.allowed <= aim.most * 0.5**MOST_CUTS:
                     raise
                 continue
-            if path.allowed is not None and found.iterations <= EASY:
+            if path.allowed is not None and found.iterations <= stage.easy:
                 path.allowed = min(aim.most, 2.0 * path.allowed)
             solved.append(found)
             last = found.state
@@ -111,7 +111,8 @@ def follow(
             solved[-1] = found = replace(found, state=last)
             path.append(last)
             if aim.reached:
-                path.target, path.allowed = path.target + 1, None
+                path.target += 1
+                path.allowed = None if stage.carry_on else path.allowed
             step = Step.of(solved, stage.measure(found), aim.reached, cuts)
             done.append(step)
             if accepted is not None:
@@ -157,6 +158,8 @@ class _Place:
         gap = self.target - last.time
         pieces = int(np.ceil(abs(gap) / allowed * (1 - 1e-9))) if gap else 1
         control = self.target if pieces <= 1 else last.time + gap / pieces
+        if not self.stage.carry_on:
+            return control, last
         return control, extrapolated(self.equilibrium, self.stage, self.path.states, control)
 
     def accepts(self, found: Found) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,6 +20,7 @@ from petsc4py import PETSc
 from ..elements.level import ENERGY, FORCE, STIFFNESS
 from ..errors import InputError
 from ..items.item import Item
+from ..net.joined import JoinedNodes
 from ..net.nodes import Nodes
 from ..solvers.multigrid import Hierarchy
 from ..solvers.pattern import BlockPattern
@@ -30,7 +32,7 @@ class Model:
 
     Parameters
     ----------
-    nodes : Nodes
+    nodes : Nodes or JoinedNodes
         With ``rest`` (n_local, dim) and ``frame`` (n_local, dim, dim).
     items : sequence of Item
     active : bool (n_local,), optional
@@ -43,7 +45,7 @@ class Model:
 
     def __init__(
         self,
-        nodes: Nodes,
+        nodes: Nodes | JoinedNodes,
         items: Sequence[Item],
         active: np.ndarray | None = None,
         stiffness_scale: float = 1.0,
@@ -168,6 +170,17 @@ class Model:
     def broken(self, state: State) -> tuple[np.ndarray, str, str] | None:
         """What an item says against a state, see Item.broken. Collective."""
         return next(filter(None, (item.broken(state) for item in self.items)), None)
+
+    def lagged(self, state: State) -> tuple[State, float, float]:
+        """A state with what items take as given brought up to date, see Item.lagged. Collective.
+
+        Also the sum over all ranks of the forces by which it was wrong, and of their sizes.
+        """
+        found = {item.name: item.lagged(state) for item in self.items}
+        parts = np.array([[change, size] for _, change, size in found.values()]).reshape(-1, 2)
+        change, size = self.comm.allreduce(parts.sum(axis=0))
+        memory = {name: memory for name, (memory, _, _) in found.items()}
+        return replace(state, memory=memory), float(change), float(size)
 
     def accepted(self, state: State) -> dict[str, Mapping[str, np.ndarray]]:
         """What all items remember of an accepted state, by item."""

@@ -22,6 +22,7 @@ from ..solvers.callbacks import callback, calling_back
 from ..solvers.failures import check_factor
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .model import Model
+from .search import step_length
 from .state import Found, State
 from .tangents import prepare, tangent_settings
 
@@ -59,6 +60,13 @@ class Equilibrium:
     options : mapping, optional
         PETSc options under the prefix, which overrule the defaults; the command line overrules all.
     prefix : str
+    relative_residual : float
+        What is called none, over the forces that hold and load.
+    longest_step : float
+        No unknown changes by more in a Newton step, m.
+    foretell : bool
+        Tangents foresee tensions that turning yarns get (see Item.work), and the energy may rise
+        for a few steps. Where contact and friction switch the energy has to fall.
     """
 
     def __init__(
@@ -67,8 +75,13 @@ class Equilibrium:
         start: State,
         options: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
+        relative_residual: float = RELATIVE_RESIDUAL,
+        longest_step: float = np.inf,
+        foretell: bool = True,
     ):
         self.model, self._start, self._prefix = model, start, prefix
+        self.relative_residual, self.longest_step = relative_residual, longest_step
+        self.foretell = foretell
         owned = model.dim * model.nodes.num_nodes_owned
         self._vector = PETSc.Vec().createMPI((owned, None), comm=model.comm)
         self._residual, self._diagonal = self._vector.duplicate(), self._vector.duplicate()
@@ -77,7 +90,7 @@ class Equilibrium:
         self._before: np.ndarray | None = None  # positions of the last tangent
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
-        self._shifted = 0
+        self._shifted, self._shift = 0, FIRST_SHIFT
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -138,7 +151,8 @@ class Equilibrium:
     @callback
     def _jacobian(self, snes, vector, matrix, _preconditioner) -> None:
         state = self._evaluate(vector).state
-        self.model.stiffness(state, reuse=matrix, before=self._before)
+        before = self._before if self.foretell else None
+        self.model.stiffness(state, reuse=matrix, before=before)
         self._before = state.x
         self._measure()
 
@@ -150,7 +164,7 @@ class Equilibrium:
     def _tolerance(self) -> float:
         """What residual is called none, N."""
         support = self._last.support if self._last else 0.0
-        return RELATIVE_RESIDUAL * support + ROUNDING * self.model.extent * self._size
+        return self.relative_residual * support + ROUNDING * self.model.extent * self._size
 
     @callback
     def _converged(self, snes, iteration, norms):
@@ -194,7 +208,8 @@ class Equilibrium:
         floor = 1e-3 * self._diagonal.max()[1]
         owned = self._diagonal.getArray()
         np.maximum(owned, floor, out=owned)
-        ksp, shift, added = self.snes.ksp, FIRST_SHIFT, 0.0
+        # Neighbours need about the same shift.
+        ksp, shift, added = self.snes.ksp, max(FIRST_SHIFT, 0.1 * self._shift), 0.0
         scaled = self._diagonal.duplicate()
         while shift <= LAST_SHIFT:
             scaled.axpby(shift - added, 0.0, self._diagonal)
@@ -204,8 +219,9 @@ class Equilibrium:
             ksp.solve(gradient, step)
             slope = gradient.dot(step)
             if slope > 0.0 and self._is_definite():
+                self._shift = shift
                 break
-            shift *= 10.0
+            shift *= 4.0
         else:  # steepest descent in the measure of the diagonal
             step.pointwiseDivide(gradient, self._diagonal)
             slope = gradient.dot(step)
@@ -213,35 +229,21 @@ class Equilibrium:
         return slope
 
     def _length(self, vector, step, energy: float, slope: float) -> float:
-        """How much of the step to take: the energy falls, or forces along it do near the end."""
-        model, trial, length = self.model, vector.duplicate(), 1.0
-        # The energy may rise to that of the last few steps (Grippo, Lampariello and Lucidi 1986):
-        # tensions foretold run ahead of it while stiff yarns turn.
-        self._recent = [*self._recent[-MEMORY:], energy]
-        highest = max(self._recent)
-        # Near equilibrium differences of energies are rounding; then the slope alone tells.
-        noise = 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
-        for _ in range(25):
+        """How much of the step to take."""
+        model, trial = self.model, vector.duplicate()
+        down = step.getArray(readonly=True)
+
+        def at(length: float) -> tuple[float, float]:
             trial.waxpy(-length, step, vector)
             there = self._evaluate(trial)
-            along = float(there.gradient @ step.getArray(readonly=True))
-            along = model.comm.allreduce(along)  # minus the slope of the energy there
-            if np.isfinite(there.energy):
-                if there.energy <= highest - 1e-4 * length * slope:
-                    break
-                if there.energy <= energy + noise and abs(along) <= 0.9 * slope:
-                    break
-                # Minimum of the cubic with the values and slopes at both ends (Nocedal and Wright
-                # 2006, Numerical Optimization, eq. 3.59).
-                d1 = -slope - along - 3.0 * (energy - there.energy) / -length
-                root = d1 * d1 - slope * along
-                root = np.sqrt(root) if root > 0.0 else 0.0
-                better = length - length * (-along + root - d1) / (-along + slope + 2.0 * root)
-                if not np.isfinite(better):
-                    better = 0.3 * length
-                length = float(np.clip(better, 0.1 * length, 0.6 * length))
-            else:
-                length *= 0.2
+            return there.energy, model.comm.allreduce(float(there.gradient @ down))
+
+        first = min(1.0, self.longest_step / max(step.norm(PETSc.NormType.INFINITY), 1e-300))
+        self._recent = [*self._recent[-MEMORY:], energy]
+        # Near equilibrium differences of energies are rounding; then the slope alone tells.
+        noise = 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
+        highest = max(self._recent) if self.foretell else None
+        length = step_length(at, energy, slope, first, noise, highest)
         trial.destroy()
         return length
 

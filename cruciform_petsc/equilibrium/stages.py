@@ -55,6 +55,11 @@ class Stage:
         control -> change of what is prescribed per change of the control, (n_local, dim).
     measure : callable
         Found -> Measured, for accepted steps.
+    carry_on : bool
+        Start each step from the last ones carried on; else from the last one as it was, as where
+        contacts switch, and keep to cut steps until they are easy again.
+    easy : int
+        Newton steps after which a step that was cut may grow again.
     """
 
     name: str
@@ -67,6 +72,8 @@ class Stage:
     load: Callable[[Found], float] = lambda found: float("nan")
     rate: Callable[[float], np.ndarray] = lambda control: np.zeros(0)
     measure: Callable[[Found], Measured] = lambda found: Measured()
+    carry_on: bool = True
+    easy: int = 8
 
 
 @dataclass(frozen=True)

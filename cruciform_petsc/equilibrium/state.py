@@ -25,6 +25,8 @@ class Hold:
         Lab frame, m; only components that are fixed count.
     turn : float (c, dim, dim)
         Gradients of the motions of clamped nodes: they turn the directions of the yarns held there.
+    rotations : mapping
+        How tools are turned, (3, 3), by name; none by default.
     """
 
     nodes: np.ndarray
@@ -32,6 +34,7 @@ class Hold:
     fixed: np.ndarray
     place: np.ndarray
     turn: np.ndarray
+    rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class Found:
         Steps for which the tangent was indefinite, or did not lead downhill, and was mended.
     linear_iterations : int
     seconds : float
+    rounds : int
+        How often it was sought, as what items take as given was brought up to date.
     """
 
     state: State
@@ -103,3 +108,4 @@ class Found:
     shifted: int
     linear_iterations: int
     seconds: float
+    rounds: int = 1

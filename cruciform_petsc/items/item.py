@@ -25,6 +25,10 @@ class Placed(Protocol):
         """What is prescribed; ``hold.turn`` (c, dim, dim) turns the yarns that clamps hold."""
 
     @property
+    def time(self) -> float:
+        """What drives the stage."""
+
+    @property
     def factors(self) -> Mapping[str, float]:
         """Sizes of loads by item."""
 
@@ -84,6 +88,19 @@ class Item:
         """Slices of its elements, one at least, to work on one after the other."""
         for begin in range(0, max(len(self.nodes), 1), CHUNK):
             yield slice(begin, begin + CHUNK)
+
+    def lagged(self, state: Placed) -> tuple[Mapping[str, np.ndarray], float, float]:
+        """What the item takes as given while equilibrium is sought, as it is at a state.
+
+        Returns
+        -------
+        memory : mapping
+            To seek equilibrium with again.
+        change, size : float
+            Forces of this rank's elements, N: by how much those taken as given were wrong, and
+            their sum.
+        """
+        return state.memory.get(self.name, {}), 0.0, 0.0
 
     def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
         """What to remember of a state that was accepted: arrays over local nodes."""

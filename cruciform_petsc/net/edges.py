@@ -18,11 +18,14 @@ from .network import Network
 
 
 class Constraints:
-    """What is known about the nodes of a network before it is solved; with bending they rotate."""
+    """What is known about the nodes of a network before it is solved; with bending they rotate.
 
-    def __init__(self, network: Network, bending: bool):
+    One that ``floats`` needs no clamp: tools hold it.
+    """
+
+    def __init__(self, network: Network, bending: bool, floats: bool = False):
         n, d = network.num_nodes_local, 3 if bending else 2
-        self.network, self.bending = network, bending
+        self.network, self.bending, self.floats = network, bending, floats
         self.fixed = np.zeros((n, d), bool)  # prescribed unknowns
         self.value = np.zeros((n, d))  # their values, m
         # Rows: a node's displacement axes in the yarn frame.

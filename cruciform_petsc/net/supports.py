@@ -62,7 +62,7 @@ def find_supports(constraints: Constraints) -> Supports:
     - Crossovers in an acute corner that no yarn joins to the rest, one or a few in a row without a
       mesh between them, fall out of the cloth: they are left out.
 
-    Raises InputError on every rank if a part of the network hangs on no clamp.
+    Raises InputError on every rank if a part of the network hangs on no clamp, unless it may.
     """
     network, bending = constraints.network, constraints.bending
     round_, joined = _leave_out_hanging(constraints)
@@ -198,7 +198,9 @@ def _check_held(constraints: Constraints, carrying: np.ndarray) -> np.ndarray:
         )
     loose = fixed < 3
     scrap = loose & (joints == crossovers - 1)
-    if loose.all() or (loose & ~scrap).any():
+    if constraints.floats:
+        scrap &= crossovers < crossovers.max()
+    if not constraints.floats and (loose.all() or (loose & ~scrap).any()):
         name = "the body" if len(parts) == 1 else f"a part of {ends[loose].max()} arm ends"
         raise InputError(f"{name} can float: no clamp holds it; clamp an edge that its yarns reach")
     return np.flatnonzero(carrying)[np.isin(of_crossover, parts[scrap])]

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""Equilibrium with what items take from the state before, until that no longer matters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..errors import EquilibriumError
+from .newton import Equilibrium
+from .state import Found, State
+
+# Forces taken as given are right to this share of their sum.
+SETTLED = 1e-3
+MOST_ROUNDS = 30
+
+
+def settle(equilibrium: Equilibrium, guess: State) -> Found:
+    """Find equilibrium near a state, with friction's normal forces as they are there. Collective.
+
+    Raises EquilibriumError on every rank.
+    """
+    rounds: list[Found] = []
+    while len(rounds) < MOST_ROUNDS:
+        rounds.append(equilibrium.solve(guess))
+        guess, change, size = equilibrium.model.lagged(rounds[-1].state)
+        if change <= SETTLED * size:
+            return replace(
+                rounds[-1],
+                iterations=sum(found.iterations for found in rounds),
+                shifted=sum(found.shifted for found in rounds),
+                linear_iterations=sum(found.linear_iterations for found in rounds),
+                seconds=sum(found.seconds for found in rounds),
+                rounds=len(rounds),
+            )
+    history = [force for found in rounds for force in found.history]
+    raise EquilibriumError(
+        f"friction does not settle: normal forces change by {change:.3g} of {size:.3g} N still",
+        "LAGGED",
+        history,
+    )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Forming: a blank of cloth pressed over tools, stage by stage."""

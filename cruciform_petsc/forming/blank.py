@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT
+"""A blank among tools: the cloth's nodes and the tools' as one model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from ..cloth.fabric import Fabric
+from ..equilibrium.model import Model
+from ..equilibrium.state import Hold, State
+from ..items.contact import Contact
+from ..items.item import Item
+from ..items.loads import DeadLoads, gravity, imperfection
+from ..items.part import OfPart, part_of
+from ..items.ply import Ply
+from ..items.viscous import Viscous
+from ..net.edges import Constraints
+from ..net.joined import JoinedNodes, ToolNodes
+from ..net.network import Network
+from ..tools.tool import Tool
+
+AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """How cloth touches tools, see items.contact and items.viscous.
+
+    Attributes
+    ----------
+    stiffness : float
+        k, N/m^3.
+    width : float
+        w, m.
+    slip : float
+        Elastic slip s_0, m.
+    viscosity : float
+        c, N s/m^3.
+    """
+
+    stiffness: float
+    width: float
+    slip: float
+    viscosity: float
+
+    @classmethod
+    def of(cls, fabric: Fabric) -> ContactSettings:
+        """What suits a fabric.
+
+        A pressure that strains its yarns by 1 % over a radius of fifty thicknesses compacts it by
+        half its thickness on either side; friction slips elastically by a hundredth of it; a
+        viscous sheet that sinks by its thickness in a second takes a millionth of that pressure.
+        """
+        thickness = fabric.needed("thickness", "contact")
+        stiffness = 4e-4 * 0.5 * (fabric.c11 + fabric.c22) / thickness**2
+        return cls(stiffness, 0.2 * thickness, 0.01 * thickness, 1e-6 * stiffness)
+
+
+class Blank:
+    """A network in space, rigid tools and all that acts between them. Collective.
+
+    The blank lies flat, its middle at z = half its thickness: on a die whose flat is z = 0.
+
+    Parameters
+    ----------
+    network : Network
+    tools : sequence of Tool
+        Where they start.
+    weight : bool
+        Whether gravity acts.
+    settings : ContactSettings, optional
+    waves : (float, int), optional
+        Height [m] and seed of an imperfection.
+    edges : callable, optional
+        Prepares the Constraints: planes of symmetry, clamps.
+
+    Attributes
+    ----------
+    nodes : JoinedNodes
+        The cloth's, then the tools'.
+    tool_node : int32 (number of tools,)
+        Their local nodes.
+    contacts : list of Contact
+        By tool.
+    model : Model
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        tools: Sequence[Tool],
+        *,
+        weight: bool = False,
+        settings: ContactSettings | None = None,
+        waves: tuple[float, int] | None = None,
+        bending: bool = True,
+        further: Sequence = (),
+    ):
+        fabric = network.fabric
+        self.network, self.tools, self.comm = network, list(tools), network.comm
+        self.thickness = fabric.needed("thickness", "contact with a tool")
+        self.settings = settings = settings or ContactSettings.of(fabric)
+        constraints = Constraints(network, bending, floats=True)
+        self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
+        ply.nodes.rest[:, 2] = 0.5 * self.thickness
+        if weight:
+            ply.further.append(gravity(ply, "gravity"))
+        if waves is not None:
+            ply.further.append(imperfection(ply, *waves))
+        ply.further += [make(ply) for make in further]
+        place = np.array([tool.start.place for tool in tools]).reshape(-1, 3)
+        tool_nodes = ToolNodes(self.comm, place)
+        self.nodes = JoinedNodes([ply.nodes, tool_nodes])
+        self.cloth_at, self.tool_node = self.nodes.maps
+        touching = np.flatnonzero(ply.active[: ply.nodes.num_nodes_owned])
+        area, at = ply.areas(AT_HINGE)[touching], self.cloth_at[touching]
+        self.area, self.touching = area, touching
+        s, offset = settings, 0.5 * self.thickness
+        self.contacts = [
+            Contact(
+                tool.name, tool.surface, at, node, area,
+                offset, s.stiffness, s.width, tool.friction, s.slip,
+            )
+            for tool, node in zip(tools, self.tool_node, strict=True)
+        ]  # fmt: skip
+        # A tool that a force drives moves as if a whole blank's viscosity held it.
+        mine = self.tool_node[: tool_nodes.num_nodes_owned]
+        whole = np.full(len(mine), self.comm.allreduce(float(area.sum())))
+        moving = np.concatenate([at, mine])
+        rest, owned = self.nodes.rest, self.nodes.num_nodes_owned
+        viscous = Viscous(moving, rest[moving], s.viscosity * np.concatenate([area, whole]))
+        pushes = []
+        for tool, node in zip(tools, self.tool_node, strict=True):
+            for axis in range(3):
+                force = np.zeros_like(rest)
+                force[node, axis] = 1.0
+                pushes.append(DeadLoads(force, rest, owned, push_name(tool.name, axis)))
+        parts: list[Item] = [OfPart(item, self.cloth_at) for item in ply.items]
+        items = [*parts, *self.contacts, viscous, *pushes]
+        active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
+        self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+
+    def hold(
+        self,
+        place: np.ndarray,
+        free: np.ndarray,
+        rotations: Mapping[str, np.ndarray],
+    ) -> Hold:
+        """Tools held at places (n, 3), but for axes that are free (n, 3), and turned."""
+        ply = self.ply
+        cloth = np.flatnonzero(ply.fixed.any(axis=1)).astype(np.int32)
+        nodes = np.concatenate([self.cloth_at[cloth], self.tool_node])
+        axes = self.nodes.frame[nodes]
+        rest = ply.nodes.rest[cloth]
+        turn = np.tile(np.eye(3), (len(ply.clamped), 1, 1))
+        fixed = np.concatenate([ply.fixed[cloth], ~free])
+        return Hold(nodes, axes, fixed, np.concatenate([rest, place]), turn, rotations)
+
+    def start(self) -> State:
+        """At rest, the tools where they start."""
+        place = np.array([tool.start.place for tool in self.tools]).reshape(-1, 3)
+        rotations = {tool.name: tool.start.turn for tool in self.tools}
+        hold = self.hold(place, np.zeros(place.shape, bool), rotations)
+        state = State(self.nodes.rest, hold)
+        return State(state.x, hold, memory=self.model.accepted(state))
+
+    def of_cloth(self, state: State) -> State:
+        """The state as the ply sees it."""
+        return cast(State, part_of(state, self.cloth_at))
+
+    def spent(self, state: State) -> dict[str, float]:
+        """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
+        rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
+        flowed = state.memory["viscosity"]["spent"].sum()
+        total = self.comm.allreduce(np.array([rubbed, flowed]))
+        return {"friction": float(total[0]), "viscous": float(total[1])}
+
+
+def push_name(tool: str, axis: int) -> str:
+    """Name of the load that pushes a tool along x, y or z."""
+    return f"force on {tool} along {'xyz'[axis]}"

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""Forming a blank, stage by stage: steps, forces of tools, energies, work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..equilibrium.follow import Path, follow
+from ..equilibrium.newton import Equilibrium
+from ..equilibrium.stages import Increment, Measured, Step
+from ..equilibrium.state import Found, State
+from ..errors import CruciformError, EquilibriumError
+from .blank import Blank
+from .press import Posture, Press, StagePlan
+
+RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
+LONGEST = 0.5  # of a pitch, in a Newton step
+
+
+@dataclass(frozen=True)
+class FormingStep:
+    """An accepted step.
+
+    Attributes
+    ----------
+    stage : str
+    increment : Increment
+        Its control is the time: stages that are done, and the share of this one.
+    tool_force : dict of float (3,)
+        On the cloth by each tool, N.
+    tool_place : dict of float (3,)
+        m.
+    spent : dict
+        What friction and viscosity have dissipated up to here, J.
+    work : float
+        What has been done on tools up to here, by trapezia over the steps, J.
+    """
+
+    stage: str
+    increment: Increment
+    tool_force: Mapping[str, np.ndarray]
+    tool_place: Mapping[str, np.ndarray]
+    spent: Mapping[str, float]
+    work: float
+
+
+@dataclass
+class Formed:
+    """What a forming has come to.
+
+    Attributes
+    ----------
+    blank : Blank
+    steps : list of FormingStep
+        All that were accepted.
+    states : list of State
+        Those asked for; the last one that was accepted is the last here.
+    """
+
+    blank: Blank
+    steps: list[FormingStep] = field(default_factory=list)
+    states: list[State] = field(default_factory=list)
+
+
+def form(
+    blank: Blank,
+    plans: Sequence[StagePlan],
+    *,
+    options: Mapping[str, object] | None = None,
+    accepted: Callable[[FormingStep, State], None] | None = None,
+) -> Formed:
+    """Press a blank through stages. Collective.
+
+    Raises
+    ------
+    EquilibriumError
+        On every rank; its ``result`` is what was formed up to there.
+    """
+    formed, model = Formed(blank), blank.model
+    state, posture, work = blank.start(), Posture.at_the_start(blank), 0.0
+    longest = LONGEST * float(blank.network.pitch.mean())
+    equilibrium = Equilibrium(
+        model, state, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
+    )
+    names = [tool.name for tool in blank.tools]
+    last: list[tuple[np.ndarray, np.ndarray]] = []  # places of tools, forces on them
+
+    def measure(found: Found) -> Measured:
+        force = found.force[blank.tool_node]
+        shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
+        return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
+
+    def take(step: Step, path: Path) -> None:
+        nonlocal work
+        place = step.state.x[blank.tool_node]
+        # What drives a tool holds it against the cloth, or is the force that pushes it.
+        held = np.array([step.forces[name] for name in names]).reshape(-1, 3)
+        pushed = press.push(step.state.time)
+        driving = np.where(press.free, pushed, held)
+        if last:
+            before, force = last.pop()
+            work += 0.5 * float(((force + driving) * (place - before)).sum())
+        last.append((place, driving))
+        done = FormingStep(
+            plan.name,
+            step.increment,
+            dict(zip(names, np.where(press.free, pushed, held), strict=True)),
+            dict(zip(names, place, strict=True)),
+            blank.spent(step.state),
+            work,
+        )
+        formed.steps.append(done)
+        if formed.states and not asked[-1]:
+            formed.states.pop()
+        formed.states.append(step.state)
+        asked.append(step.increment.asked)
+        if accepted is not None:
+            accepted(done, step.state)
+
+    asked = [True]
+    last.append((state.x[blank.tool_node], np.zeros((len(names), 3))))
+    try:
+        for number, plan in enumerate(plans):
+            press = Press(blank, plan, posture, float(number))
+            follow(equilibrium, press.stage(measure), state, take)
+            state = formed.states[-1]
+            posture = press.after(state)
+    except CruciformError as error:
+        equilibrium.destroy()  # only these are raised on every rank alike, as this needs
+        if isinstance(error, EquilibriumError):
+            error.result = formed
+        raise
+    equilibrium.destroy()
+    return formed

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: MIT
+"""Cloth that touches a tool: compaction, and friction with a memory of where it stuck.
+
+Contact (forming.md section 1): a node that stands for an area A of cloth and lies p deep, its gap
+g = d - t/2 below zero, has the energy A e(p), e' = q, with the pressure
+
+    q = k p^2 / (2 w)  for p < w,  k (p - w/2)  beyond
+
+so that the energy is twice continuously differentiable.
+
+Friction is an incremental potential mu N psi(s) of the distance s, along the tool, from the place
+on it where the node stuck (its *anchor*), with the normal force N and the tool's normal there taken
+from the state before and brought up to date until it no longer matters (`lagged`):
+
+    psi' = 2 r - r^2  for r = s / s_0 < 1,  1 beyond
+
+with the elastic slip s_0. When a state is accepted anchors follow nodes that lie farther away than
+s_0, to that distance (return mapping): what sticks does not creep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from ..elements.level import FORCE, STIFFNESS, room
+from .item import Item, Placed, Work
+
+CHUNK = 16384
+
+
+class Surface(Protocol):
+    """What contact knows of a tool, see tools."""
+
+    def look(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distance (n,), its gradient (n, 3) and Hessian (n, 3, 3) at points in its frame."""
+
+
+def compaction(depth: np.ndarray, stiffness: float, width: float):
+    """Energy per area, pressure and stiffness at depths (n,): see the module's text."""
+    p = np.maximum(depth, 0.0)
+    soft = p < width
+    over = p - width
+    energy = np.where(soft, p**3 / (6 * width), width**2 / 6 + over * width / 2 + over**2 / 2)
+    pressure = np.where(soft, p**2 / (2 * width), p - width / 2)
+    return stiffness * energy, stiffness * pressure, stiffness * np.where(soft, p / width, 1.0)
+
+
+class Contact(Item):
+    """Nodes of cloth against one rigid tool, which is a node, too: its origin.
+
+    Parameters
+    ----------
+    name : str
+        The tool's.
+    surface : Surface
+    nodes : int (m,)
+        Local nodes of cloth that this rank owns.
+    tool : int
+        The tool's local node.
+    area : float (m,)
+        Of cloth at rest that each stands for, m^2.
+    offset : float
+        Distance from the surface at which a node touches, m: half the cloth's thickness.
+    stiffness : float
+        k, N/m^3.
+    width : float
+        w, m.
+    friction : float
+        mu.
+    slip : float
+        s_0, m.
+    """
+
+    modes = ("contact", "friction")
+
+    def __init__(self, name, surface, nodes, tool, area, offset, stiffness, width, friction, slip):
+        self.name, self.surface = name, surface
+        self.nodes = np.column_stack([nodes, np.full(len(nodes), tool)]).astype(np.int32)
+        self.area, self.offset = area, offset
+        self.stiffness, self.width, self.friction, self.slip = stiffness, width, friction, slip
+
+    def chunks(self) -> Iterator[slice]:
+        """See Item.chunks."""
+        for begin in range(0, max(len(self.nodes), 1), CHUNK):
+            yield slice(begin, begin + CHUNK)
+
+    # -- where and how hard ----------------------------------------------------------------------
+
+    def turn(self, state: Placed) -> np.ndarray:
+        """How the tool is turned, (3, 3): its frame -> lab."""
+        return state.hold.rotations.get(self.name, np.eye(3))
+
+    def local(self, state: Placed, rows=slice(None)) -> np.ndarray:
+        """Positions of nodes in the tool's frame, (m, 3)."""
+        nodes = self.nodes[rows]
+        return (state.x[nodes[:, 0]] - state.x[nodes[:, 1]]) @ self.turn(state)
+
+    def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
+        """See Item.work."""
+        y, area, memory = self.local(state, rows), self.area[rows], state.memory.get(self.name, {})
+        energy, force, stiffness = room(len(y), 2, 2, 3, level)
+        d, n, curvature = self.surface.look(y)
+        at = np.flatnonzero(d < self.offset)
+        stiffness_now = self.stiffness * state.factors.get(self.name, 1.0)
+        e, q, k = compaction(self.offset - d[at], stiffness_now, self.width)
+        energy[:] = 0.0
+        energy[at, 0] = area[at] * e
+        f, h = np.zeros((len(y), 3)), np.zeros((len(y), 3, 3) if level >= STIFFNESS else 0)
+        if level >= FORCE:
+            n, pull = n[at], area[at] * q
+            f[at] = -pull[:, None] * n
+        if level >= STIFFNESS:
+            h[at] = (area[at] * k)[:, None, None] * n[:, :, None] * n[:, None, :]
+            h[at] -= pull[:, None, None] * curvature[at]
+        if self.friction and memory:
+            self._rub(y, {key: value[rows] for key, value in memory.items()}, level, energy, f, h)
+        if level >= FORCE:
+            force[:, 0] = f @ self.turn(state).T
+            force[:, 1] = -force[:, 0]
+        if level >= STIFFNESS:
+            r = self.turn(state)
+            block = np.einsum("ia,nab,jb->nij", r, h, r)
+            stiffness[:, 0, :, 0], stiffness[:, 1, :, 1] = block, block
+            stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
+        return energy, force, stiffness
+
+    def _rub(self, y, memory: Mapping[str, np.ndarray], level, energy, f, h) -> None:
+        """Add friction to energy (m, 2), force (m, 3) and stiffness (m, 3, 3), in place."""
+        at = np.flatnonzero(memory["pressed"] > 0.0)
+        n, limit = memory["normal"][at], self.friction * memory["pressed"][at]
+        gap = y[at] - memory["anchor"][at]
+        gap -= (gap * n).sum(axis=1)[:, None] * n
+        s = np.linalg.norm(gap, axis=1)
+        r = s / self.slip
+        energy[at, 1] = limit * self.slip * np.where(r < 1, r**2 - r**3 / 3, r - 1 / 3)
+        if level < FORCE:
+            return
+        # psi'/s, finite where s is zero
+        per_s = np.where(r < 1, 2.0 - r, 1.0 / np.maximum(r, 1.0)) / self.slip * limit
+        f[at] += per_s[:, None] * gap
+        if level < STIFFNESS:
+            return
+        second = limit * np.where(r < 1, 2.0 - 2.0 * r, 0.0) / self.slip
+        along = gap / np.maximum(s, 1e-300)[:, None]
+        plane = np.eye(3) - n[:, :, None] * n[:, None, :]
+        h[at] += per_s[:, None, None] * plane
+        h[at] += (second - per_s)[:, None, None] * along[:, :, None] * along[:, None, :]
+
+    # -- memory ------------------------------------------------------------------------------------
+
+    def lagged(self, state: Placed) -> tuple[dict[str, np.ndarray], float, float]:
+        """See Item.lagged: forces and normals; nodes that touch anew stick where they are."""
+        y, old = self.local(state), state.memory.get(self.name)
+        d, normal, _ = self.surface.look(y)
+        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
+        pressed = self.area * compaction(self.offset - d, stiffness, self.width)[1]
+        before = old["pressed"] if old else np.zeros(len(y))
+        anchor = old["anchor"] if old else np.full_like(y, np.nan)
+        anchor = np.where(np.isnan(anchor) & (pressed > 0)[:, None], y, anchor)
+        change = self.friction * float(abs(pressed - before).sum())
+        spent = old["spent"] if old else np.zeros(len(y))
+        memory = {"anchor": anchor, "normal": normal, "pressed": pressed, "spent": spent}
+        return memory, change, self.friction * float(pressed.sum())
+
+    def accepted(self, state: Placed) -> dict[str, np.ndarray]:
+        """See Item.accepted: anchors follow what has slipped; what lets go forgets its anchor."""
+        memory = dict(self.lagged(state)[0])
+        gap, s = self._slipped(state, memory)
+        keep = np.minimum(1.0, self.slip / np.maximum(s, 1e-300))
+        moved = self.local(state) - keep[:, None] * gap
+        slid = np.maximum(s - self.slip, 0.0)
+        memory["spent"] = memory["spent"] + self.friction * memory["pressed"] * slid
+        anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
+        memory["anchor"] = np.where((memory["pressed"] > 0)[:, None], anchor, np.nan)
+        return memory
+
+    def _slipped(self, state: Placed, memory) -> tuple[np.ndarray, np.ndarray]:
+        """Vectors (m, 3) from anchors along the tool, and their lengths; 0 without an anchor."""
+        gap = np.nan_to_num(self.local(state) - memory["anchor"])
+        gap -= (gap * memory["normal"]).sum(axis=1)[:, None] * memory["normal"]
+        return gap, np.linalg.norm(gap, axis=1)
+
+    def fields(self, state: Placed) -> dict[str, np.ndarray]:
+        """Distance to the tool [m], pressure [Pa], slip since the last step [m]; (m,)."""
+        y = self.local(state)
+        distance = self.surface.look(y)[0] - self.offset
+        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
+        pressure = compaction(-distance, stiffness, self.width)[1]
+        return {"distance": distance, "pressure": pressure}

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""An item of one set of nodes within several that are solved together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from .item import Item, Placed, Work
+
+
+class OfPart(Item):
+    """An item that knows its own part's nodes only, in a model of several parts.
+
+    Parameters
+    ----------
+    item : Item
+    at : int32 (n_local of the part,)
+        The model's local numbers of the part's local nodes.
+    """
+
+    def __init__(self, item: Item, at: np.ndarray):
+        self.item, self.name, self.modes, self.is_load = item, item.name, item.modes, item.is_load
+        self.nodes, self._at = at[item.nodes].astype(np.int32), at
+        self._last: tuple[Placed, Placed] | None = None
+
+    def _view(self, state: Placed) -> Placed:
+        """The state as its part sees it."""
+        if self._last is None or self._last[0] is not state:
+            self._last = (state, part_of(state, self._at))
+        return self._last[1]
+
+    def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
+        """See Item.work."""
+        before = None if before is None else before[self._at]
+        return self.item.work(self._view(state), level, rows, before)
+
+    def chunks(self) -> Iterator[slice]:
+        """See Item.chunks."""
+        return self.item.chunks()
+
+    def lagged(self, state: Placed) -> tuple[Mapping[str, np.ndarray], float, float]:
+        """See Item.lagged."""
+        return self.item.lagged(self._view(state))
+
+    def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
+        """See Item.accepted."""
+        return self.item.accepted(self._view(state))
+
+    def broken(self, state: Placed) -> tuple[np.ndarray, str, str] | None:
+        """See Item.broken."""
+        return self.item.broken(self._view(state))
+
+
+def part_of(state: Placed, at: np.ndarray) -> Placed:
+    """A state as a part with the local nodes ``at`` sees it."""
+    return replace(cast(Any, state), x=state.x[at])
