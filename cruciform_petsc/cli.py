@@ -124,9 +124,7 @@ def _interrupted(control: MPI.Intracomm | None, hint: Callable[[], str]) -> int:
     number = process.came[0] if process.came else signal.SIGINT
     if control is not None and control.rank:
         time.sleep(0.5)  # rank 0 speaks if it is interrupted, too, and takes the others along
-    how = hint()
-    if how or number != signal.SIGPIPE:  # fabrics | head
-        _say("; ".join(filter(None, ("interrupted", how))))
+    _say("; ".join(filter(None, ("interrupted", hint()))))
     return _abort(control, 128 + number)
 
 

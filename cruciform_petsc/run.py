@@ -122,6 +122,10 @@ class _Run:
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
+        with self._telling_how_to_resume():
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         case, log = self.case, self.log
         self.measured = _check_comparison(self.comm, case)
         log.info("%s", case.title)
@@ -144,7 +148,7 @@ class _Run:
             log.warning("warning       %s", sentence)
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)
-        with self.stages.stage("write", "results written"), self._telling_how_to_resume():
+        with self.stages.stage("write", "results written"):
             self._write_files(result)
         without = self._solve_without_bending(result)
         membranes = self._compare_with_membranes(result, without)
@@ -179,7 +183,7 @@ class _Run:
         size = "finite deformation" if case.test.finite else f"{experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {size}, solved"):
             try:
-                with self._telling_how_to_resume(), progress.bar():
+                with progress.bar():
                     return experiment.solve(progress, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error

@@ -3,7 +3,6 @@
 
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 import shapely
@@ -42,13 +41,9 @@ def alone():
     return solved(MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize("together", [True, False], ids=["at once", "in turn"])
-def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone, together, monkeypatch):
-    """The network is there once, whoever wrote it and however; only ends on borders are doubled."""
-    if together and not h5py.get_config().mpi:
-        pytest.skip("h5py without MPI")
-    monkeypatch.setattr(h5py, "get_config", lambda: SimpleNamespace(mpi=together))
-    path = tmp_path / f"network-{together}.vtkhdf"
+def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone):
+    """The network is there once, whoever wrote it; only ends on borders are doubled."""
+    path = tmp_path / "network.vtkhdf"
     network = result.network
     write_state(path, result, {"ranks": COMM.size})
     ghosts = network.comm.allreduce(network.num_nodes_local - network.num_nodes_owned)
@@ -90,12 +85,8 @@ def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone, together, monke
         np.testing.assert_allclose(by_crossover, fields[energy], atol=tolerance, err_msg=energy)
 
 
-@pytest.mark.parametrize("together", [True, False], ids=["at once", "in turn"])
-def test_vtk_reads_a_series_of_the_ranks(tmp_path, together, monkeypatch):
+def test_vtk_reads_a_series_of_the_ranks(tmp_path):
     """Step by step what the ranks write for a state alone; no rank gathers."""
-    if together and not h5py.get_config().mpi:
-        pytest.skip("h5py without MPI")
-    monkeypatch.setattr(h5py, "get_config", lambda: SimpleNamespace(mpi=together))
     network = Network(COMM, Preform.rectangle("40 mm", "80 mm", "45 deg"), TABLE_1)
     result = BiasExtension(network, ["2 mm", "6 mm"], finite=True).solve()
     path = COMM.bcast(tmp_path) / "series.vtkhdf"
