@@ -38,8 +38,8 @@ class Keeper(Protocol):
         ``state_at`` makes a state of a control and positions.
         """
 
-    def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
-        """Keep what has been reached."""
+    def write(self, nodes: Nodes, path: Path, increments: list[Increment], state: State) -> None:
+        """Keep what has been reached; ``state``: the last one as it was found."""
 
 
 class FiniteTest:
@@ -157,7 +157,7 @@ def solve_finite(
     start = test.at(0.0)
     equilibrium = Equilibrium(test.model, start, experiment.options)
     types = equilibrium.types()
-    path, done = Path([start]), []
+    path, done = Path([start], begin=start.time), []
     states: list[result.State] = []  # asked for
     last: list[result.State] = []  # whether asked for or not
 
@@ -170,7 +170,7 @@ def solve_finite(
         if increment.asked:
             states.append(last[0])
         if keeper is not None:
-            keeper.write(test.ply.nodes, path, done)
+            keeper.write(test.ply.nodes, path, done, step.state)
         if accepted is not None:
             accepted(increment)
 
@@ -183,7 +183,7 @@ def solve_finite(
         if keeper is not None:
             kept = keeper.restore(test.ply.nodes, test.at)
             if kept is None:
-                keeper.write(test.ply.nodes, path, done)
+                keeper.write(test.ply.nodes, path, done, start)
             else:
                 path, asked = kept
                 done += keeper.increments

@@ -201,7 +201,7 @@ def _write_by_rank(
                 if len(array) and (k == 0 or name in CHANGING):
                     row = array.nbytes // len(array)
                     at = place[name] + row * int(begin[name] + k * stride[name])
-                    _write_at(file, at, np.ascontiguousarray(array))
+                    _write_at(file, at, array)
 
     with written_by_all(comm, path) as in_file:
         for k, arrays in enumerate(chain([first], steps)):
@@ -211,7 +211,7 @@ def _write_by_rank(
 def _write_at(file: io.FileIO, at: int, data: bytes | np.ndarray) -> None:
     """Write all of it."""
     file.seek(at)
-    left = memoryview(data).cast("B")
+    left = memoryview(data.tobytes() if isinstance(data, np.ndarray) else data)
     while left:
         left = left[file.write(left) :]
 
@@ -227,17 +227,17 @@ class _Layout(io.RawIOBase):
         self.at = offset + (0, self.at, self.size)[whence]
         return self.at
 
-    def write(self, data: memoryview) -> int:
+    def write(self, data: Any) -> int:
         self.pieces.append((self.at, bytes(data)))
         self.at += len(data)
         self.size = max(self.size, self.at)
         return len(data)
 
-    def truncate(self, size: int) -> int:
-        self.size = size
-        return size
+    def truncate(self, size: int | None = None) -> int:
+        self.size = self.at if size is None else size
+        return self.size
 
-    def readinto(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         view, end = memoryview(buffer).cast("B"), self.at + len(buffer)
         view[:] = bytes(len(view))
         for begin, piece in self.pieces:  # later ones lie over earlier ones
