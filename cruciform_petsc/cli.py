@@ -67,6 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             process.prepare_surroundings()
             from mpi4py import MPI
 
+            process.take_signals()  # UCX, below MPI, has a use of its own for SIGHUP
             comm = MPI.COMM_WORLD
 
             def hint() -> str:

@@ -14,7 +14,7 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import IO, Any
@@ -54,6 +54,13 @@ def ignore_signals() -> None:
             signal.signal(number, signal.SIG_IGN)
 
 
+def take_signals(numbers: Iterable[int] = ()) -> None:
+    """Obey these signals, and once more those obeyed so far: libraries take some for themselves."""
+    for number in numbers or [n for n in ENDING if signal.getsignal(n) is _stop]:
+        with suppress(ValueError):  # not in the main thread
+            signal.signal(number, _stop)
+
+
 @contextmanager
 def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
     """Have all signals of ENDING raise KeyboardInterrupt in the block, noted in `came`.
@@ -61,12 +68,13 @@ def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
     ``to_the_end``: the process ends after the block, at once when a signal comes then.
     """
     came.clear()
-    before: dict[int, Any] = {}
+    before = {
+        number: handler
+        for number in (*ENDING, signal.SIGALRM)
+        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
+    }
     try:
-        for number in (*ENDING, signal.SIGALRM):
-            if signal.getsignal(number) not in (signal.SIG_IGN, None):
-                with suppress(ValueError):
-                    before[number] = signal.signal(number, _stop)
+        take_signals(before)
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Kill and interrupt a test again and again, resume it, and look whether its curve comes out.
 
-    scripts/fenicsx python3 scripts/kill_test.py [--kills N] [--signals N] [--jobs J] [--seed S]
+    scripts/fenicsx python3 scripts/kill_test.py [--kills N] [--signals N] [--jobs J]
+        [--minutes M] [--seed S]
 
 Each time a bias extension of 39 crossovers is started on one to three ranks, and one of them,
 or all, are sent SIGKILL, or SIGINT, SIGTERM or SIGHUP, at a random moment (nine times out of ten
@@ -241,8 +242,8 @@ class Campaign:
     def attempt(self, runner: Runner, chance: random.Random) -> None:
         """Hit a run that is not finished then, and resume it."""
         trial = Trial(
-            chance.choice((1, 1, 1, 1, 2, 2, 3)), chance.choice(self.signals), chance.random() < 0.4,
-            chance.random() < 0.1, chance.random(),
+            chance.choice((1, 1, 1, 1, 1, 1, 2, 2, 3)), chance.choice(self.signals),
+            chance.random() < 0.4, chance.random() < 0.1, chance.random(),
         )  # fmt: skip
         shutil.rmtree(runner.results, ignore_errors=True)
         outcome = runner.hit(trial, chance, "run", runner.case, "--output", runner.results)
@@ -258,7 +259,7 @@ class Campaign:
         self.counts["while results were written"] += (runner.results / "curve.csv").exists()
         self.reached.append(at)
         # By the folder if anything is there, and in any case now and then by the case file.
-        ranks, resume = chance.choice((1, 1, 1, 1, 1, 1, 2, 3)), ("resume", runner.results)
+        ranks, resume = chance.choice((1, 1, 1, 1, 1, 1, 1, 1, 2, 3)), ("resume", runner.results)
         if not (runner.results / "checkpoint" / "newest").exists() or chance.random() < 0.25:
             resume = ("resume", runner.case, "--output", runner.results)
         if chance.random() < 0.1:
@@ -303,7 +304,7 @@ class Campaign:
         for what, number in sorted(self.counts.items()):
             print(f"{number:6d} {what}")
         for of, values in (("increments before", self.reached), ("seconds after", self.seconds)):
-            values = sorted(values)
+            values = sorted(values) or [0]
             shares = [f"{values[min(int(len(values) * q), len(values) - 1)]:.3g}"
                       for q in (0.25, 0.5, 0.75, 0.99, 1.0)]  # fmt: skip
             print(f"{of} it: quartiles, 99 %, most: {', '.join(shares)}")
@@ -320,9 +321,10 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--signals", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2, help="trials at a time")
+    parser.add_argument("--minutes", type=float, default=1e6, help="no new trial after these")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    failures = []
+    failures, deadline = [], time.monotonic() + 60.0 * arguments.minutes
     with tempfile.TemporaryDirectory(prefix="kill_test_") as name:
         runners = [Runner(Path(name) / str(job)) for job in range(arguments.jobs)]
         first = runners[0]
@@ -342,13 +344,15 @@ def main() -> int:
             ("kills", arguments.kills, (signal.SIGKILL,)),
             ("signals", arguments.signals, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
         ):
+            if not number:
+                continue
             campaign, chances = Campaign(signals, wanted), chances_of(arguments.seed, what)
             with ThreadPoolExecutor(arguments.jobs) as pool:
 
                 def work(runner: Runner, campaign=campaign, number=number, chances=chances) -> None:
-                    while campaign.counts["hit"] < number:
+                    while campaign.counts["hit"] < number and time.monotonic() < deadline:
                         campaign.attempt(runner, next(chances))
-                        if campaign.counts["hit"] % 20 == 0:
+                        if campaign.counts["hit"] % 10 == 0:
                             print(f"{campaign.counts['hit']} ...", flush=True)
 
                 list(pool.map(work, runners))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Files of a network that lies on several ranks."""
 
+import resource
 from types import SimpleNamespace
 
 import numpy as np
@@ -176,6 +177,22 @@ def test_errors_reach_every_rank(tmp_path, result):
     ):
         with pytest.raises(InputError, match="cannot be written: No such file"):
             attempt()
+
+
+@pytest.mark.parametrize("rank", [0, -1])
+def test_full_disk_on_a_rank(tmp_path, result, rank):
+    """Within a file that all write."""
+    path = COMM.bcast(tmp_path) / "x.vtkhdf"
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if COMM.rank == rank % COMM.size:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, hard))
+    try:
+        with pytest.raises(InputError, match=r'x.vtkhdf" cannot be written: File too large'):
+            write_state(path, result)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    COMM.Barrier()
+    assert list(path.parent.iterdir()) == []
 
 
 def test_pictures_need_their_data_on_rank_0_only(tmp_path, result):
