@@ -14,7 +14,7 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import IO, Any
@@ -54,11 +54,13 @@ def ignore_signals() -> None:
             signal.signal(number, signal.SIG_IGN)
 
 
-def take_signals(numbers: Iterable[int] = ()) -> None:
-    """Obey these signals, and once more those obeyed so far: libraries take some for themselves."""
-    for number in numbers or [n for n in ENDING if signal.getsignal(n) is _stop]:
-        with suppress(ValueError):  # not in the main thread
-            signal.signal(number, _stop)
+def take_signals() -> None:
+    """Have signals of ENDING obeyed, or ignored, as they were: libraries take some for their own."""
+    for number in (*ENDING, signal.SIGALRM):
+        handler = signal.getsignal(number)
+        if handler in (_stop, signal.SIG_IGN):
+            with suppress(ValueError):  # not in the main thread
+                signal.signal(number, handler)
 
 
 @contextmanager
@@ -68,13 +70,12 @@ def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
     ``to_the_end``: the process ends after the block, at once when a signal comes then.
     """
     came.clear()
-    before = {
-        number: handler
-        for number in (*ENDING, signal.SIGALRM)
-        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
-    }
+    before: dict[int, Any] = {}
     try:
-        take_signals(before)
+        for number in (*ENDING, signal.SIGALRM):
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                with suppress(ValueError):  # not in the main thread
+                    before[number] = signal.signal(number, _stop)
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

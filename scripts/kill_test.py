@@ -156,9 +156,7 @@ class Runner:
         self.case, self.told = folder / "case.toml", folder / "output.txt"
         self.case.write_text(CASE)
         self.env = environment()
-        # Seconds to the first increment, and from there to the end, by ranks.
-        self.start: dict[int, float] = {}
-        self.work: dict[int, float] = {}
+        self.start = self.work = 0.0  # seconds to the first increment, and from there to the end
 
     def run(self, ranks: int, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run to the end."""
@@ -166,18 +164,18 @@ class Runner:
             command(ranks, *arguments), env=self.env, capture_output=True, text=True, timeout=300
         )
 
-    def measure(self, ranks: int, *arguments: object) -> int:
-        """Run to the end, taking the time; returns the exit code."""
+    def measure(self, *arguments: object) -> int:
+        """Run to the end on one rank, taking the time; returns the exit code."""
         begin = time.monotonic()
         process = subprocess.Popen(
-            command(ranks, *arguments), env=self.env, stdout=subprocess.PIPE, text=True
+            command(1, *arguments), env=self.env, stdout=subprocess.PIPE, text=True
         )
         assert process.stdout is not None
         for line in process.stdout:
-            if "Newton" in line and ranks not in self.start:
-                self.start[ranks] = time.monotonic() - begin
+            if "Newton" in line and not self.start:
+                self.start = time.monotonic() - begin
             elif line.startswith("results in"):
-                self.work[ranks] = time.monotonic() - begin - self.start[ranks]
+                self.work = time.monotonic() - begin - self.start
         return process.wait()
 
     def hit(self, trial: Trial, chance: random.Random, *arguments: object) -> Outcome:
@@ -190,8 +188,8 @@ class Runner:
             # Work has begun when a rank tells of an increment.
             while not trial.starting and process.poll() is None and "Newton" not in self.words():
                 time.sleep(0.002)
-            moment = (begin + trial.share * self.start[trial.ranks]) if trial.starting else (
-                time.monotonic() + trial.share * self.work[trial.ranks]
+            moment = (begin + trial.share * self.start) if trial.starting else (
+                time.monotonic() + trial.share * self.work
             )  # fmt: skip
             while time.monotonic() < moment and process.poll() is None:
                 time.sleep(0.001)
@@ -324,20 +322,19 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1e6, help="no new trial after these")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
+    for number in (signal.SIGHUP, signal.SIGINT):  # as nohup and & have it, runs ignored them, too
+        signal.signal(number, signal.SIG_DFL)
     failures, deadline = [], time.monotonic() + 60.0 * arguments.minutes
     with tempfile.TemporaryDirectory(prefix="kill_test_") as name:
         runners = [Runner(Path(name) / str(job)) for job in range(arguments.jobs)]
         first = runners[0]
         run = ("run", first.case, "--output", first.results)
         first.run(1, *run)  # compiles, so that the next ones tell the time
-        for ranks in (1, 2, 3):
-            if first.measure(ranks, *run):
-                return 1
-            print(f"left alone on {ranks}: {first.start[ranks]:.1f} s to the first of "
-                  f"{first.reached()} increments, {first.work[ranks]:.1f} s from there",
-                  flush=True)  # fmt: skip
-            if ranks == 1:
-                wanted = read_curve(first.results)
+        if first.measure(*run):
+            return 1
+        print(f"left alone: {first.start:.1f} s to the first of {first.reached()} increments, "
+              f"{first.work:.1f} s from there", flush=True)  # fmt: skip
+        wanted = read_curve(first.results)
         for runner in runners:
             runner.start, runner.work = first.start, first.work
         for what, number, signals in (

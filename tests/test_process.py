@@ -58,6 +58,9 @@ def is_clean(text):
 
 
 def increments(out):
+    """How many the table has, which is written after the log's line."""
+    if not (out / "increments.csv").exists():
+        return 0
     with (out / "increments.csv").open() as file:
         return len(list(csv.DictReader(file)))
 
@@ -89,6 +92,7 @@ def test_what_is_ignored_stays_ignored(handled):
     """As nohup has it."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with process.obeying_signals():
+        process.take_signals()
         signal.raise_signal(signal.SIGHUP)
     assert process.came == []
     assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
@@ -184,7 +188,7 @@ WHERE = {
         2, "cruciform_petsc.solvers.linear:LinearSolver", "_apply", 1, "SIGINT", ("run", *SMALL),
     ),
     "membrane": (
-        0, "cruciform_petsc.continuum.domain:Domain", "solve_into", 1, "SIGINT",
+        0, "cruciform_petsc.continuum.domain:MembraneDomain", "solve_into", 1, "SIGINT",
         ("run", *SMALL_WITH_MEMBRANE),
     ),
     "results": (0, "cruciform_petsc.output.tables", "write_json", 1, "SIGHUP", ("run",)),
@@ -270,7 +274,7 @@ def test_interrupted_at_a_terminal(case, tmp_path):
     """Ctrl-C while the bar is shown."""
     out = tmp_path / "out"
     run, ours = on_terminal(case, out)
-    shown = read_until(ours, "%")
+    shown = read_until(ours, "Newton")
     assert "%" in shown
     os.write(ours, b"\x03")
     shown += read_until(ours, "\0")
@@ -281,11 +285,24 @@ def test_interrupted_at_a_terminal(case, tmp_path):
     assert shown.rfind("\x1b[?25h") >= shown.rfind("\x1b[?25l")  # the cursor is back
 
 
+def test_interrupted_while_the_bar_appears(case, tmp_path):
+    """It goes away, and the cursor is back."""
+    run, ours = on_terminal(case, tmp_path / "out")
+    shown = read_until(ours, "\x1b[?25l")
+    os.write(ours, b"\x03")
+    shown += read_until(ours, "\0")
+    os.close(ours)
+    assert run.wait(timeout=60) == 130
+    assert is_clean(shown)
+    assert shown.rindex("\x1b[?25h") > shown.rindex("\x1b[?25l")
+    assert "cruciform-petsc: interrupted" in shown[shown.rindex("\x1b[?25h") :]
+
+
 def test_the_terminal_is_closed(case, tmp_path):
     """The run ends, its checkpoint is good, and nobody can be told."""
     out = tmp_path / "out"
     run, ours = on_terminal(case, out)
-    assert "%" in read_until(ours, "%")
+    assert "%" in read_until(ours, "Newton")
     os.close(ours)
     assert run.wait(timeout=60) == 129
     assert (out / "checkpoint" / "newest").exists()
