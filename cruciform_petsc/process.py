@@ -55,7 +55,7 @@ def ignore_signals() -> None:
 
 
 def take_signals() -> None:
-    """Have signals of ENDING obeyed, or ignored, as they were: libraries take some for their own."""
+    """Have signals obeyed, or ignored, as they were: libraries take some for themselves."""
     for number in (*ENDING, signal.SIGALRM):
         handler = signal.getsignal(number)
         if handler in (_stop, signal.SIG_IGN):
