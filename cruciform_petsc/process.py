@@ -160,6 +160,7 @@ def standard_streams() -> Iterator[None]:
 def prepare_surroundings() -> None:
     """Have libraries find what they need; InputError if there is no folder for temporary files."""
     faulthandler.enable()  # tells the place of a crash: PETSc's handlers of signals are left out
+    os.environ.setdefault("UCX_DEBUG_SIGNO", "0")  # or SIGHUP makes UCX, below MPI, talk
     os.environ.pop("MPLBACKEND", None)  # a notebook's may not be there, and no window is opened
     try:
         os.environ["TMPDIR"] = tempfile.gettempdir()  # Open MPI crashes where it is missing

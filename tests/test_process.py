@@ -236,6 +236,25 @@ def test_after_the_last_word(case, tmp_path):
     assert "results in" in result.stdout
 
 
+def test_mpi_takes_no_signal():
+    """Not even while it starts, when nothing of ours could take it back."""
+    script = (
+        "import re\n"
+        "from pathlib import Path\n"
+        "from cruciform_petsc import process\n"
+        "def caught():\n"
+        "    status = Path('/proc/self/status').read_text()\n"
+        "    mask = int(re.search(r'SigCgt:\\s*(\\w+)', status)[1], 16)\n"
+        "    return {n for n in process.ENDING if mask >> (n - 1) & 1}\n"
+        "process.prepare_surroundings()\n"
+        "before = caught()\n"
+        "from mpi4py import MPI\n"
+        "assert caught() == before, caught()\n"
+    )
+    result = launch(0, "-c", script)
+    assert result.returncode == 0, result.stderr
+
+
 # -- terminals -------------------------------------------------------------------------------------
 
 
