@@ -154,6 +154,10 @@ class _Run:
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
+        with self._telling_how_to_resume():
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         case, log = self.case, self.log
         self.measured = _check_comparison(self.comm, case)
         check_work(self.comm, case)
@@ -180,7 +184,7 @@ class _Run:
             log.warning("warning       %s", sentence)
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)
-        with self.stages.stage("write", "results written"), self._telling_how_to_resume():
+        with self.stages.stage("write", "results written"):
             self._write_files(result)
         without = self._solve_without_bending(result)
         membranes = self._compare_with_membranes(result, without)
@@ -215,7 +219,7 @@ class _Run:
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
-                with self._telling_how_to_resume(), progress.bar():
+                with progress.bar():
                     return experiment.solve(progress, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error

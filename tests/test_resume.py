@@ -14,7 +14,7 @@ import sys
 import time
 
 import pytest
-from test_cli_input import assert_refused, cruciform_petsc, sentences
+from test_cli_input import assert_refused, cruciform_petsc, launch, sentences
 
 EFFORT = ("newton_iterations", "residual_N", "tolerance_N", "cuts", "seconds")
 CASE = """
@@ -195,6 +195,16 @@ def test_nothing_reached_yet(case, tmp_path, wanted):
         assert row == pytest.approx(row_wanted, rel=1e-9, abs=1e-15)
 
 
+def impatient(*arguments):
+    """Run the command line with less patience with another run in its folder."""
+    script = (
+        "import sys; from cruciform_petsc.output import folder\n"
+        "sys.argv[0], folder.PATIENCE = 'impatient', 0.1\n"
+        "from cruciform_petsc.cli import main; sys.exit(main())"
+    )
+    return launch(0, "-c", script, *arguments)
+
+
 def test_two_runs_in_one_folder(case, tmp_path):
     """The second is refused."""
     out = tmp_path / "out"
@@ -205,7 +215,7 @@ def test_two_runs_in_one_folder(case, tmp_path):
         f'another run is writing to "{out}": wait for it to end, or give this one another folder '
         "with --output"
     )
-    result = cruciform_petsc(0, "run", case, "--output", out, "--quiet")
+    result = impatient("run", case, "--output", out, "--quiet")
     assert_refused(result, told)
     os.close(handle)
 
@@ -230,7 +240,7 @@ def test_a_folder_in_use_is_left_alone(case, tmp_path):
         fcntl.flock(handle, fcntl.LOCK_EX)
         for finite in ("false", "true"):
             options = ("--set", f"test.finite={finite}", "--output", out)
-            result = cruciform_petsc(0, "run", case, *options)
+            result = impatient("run", case, *options)
             assert result.returncode == 2, result.stderr
             assert "another run is writing to" in result.stderr
     finally:

@@ -123,7 +123,7 @@ class Increment:
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted state of equilibrium, with what was measured on it; forces as in Measured."""
+    """One accepted state, as it was found, with what was measured on it; forces as in Measured."""
 
     state: State
     forces: Mapping[str, np.ndarray]

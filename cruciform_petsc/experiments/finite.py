@@ -39,11 +39,17 @@ class Keeper(Protocol):
         ``state_at`` makes a state of a control and positions.
         """
 
-    def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
-        """Keep what has been reached."""
+    def write(self, nodes: Nodes, path: Path, increments: list[Increment], state: State) -> None:
+        """Keep what has been reached; ``state``: the last one as it was found."""
 
-    def positions(self, nodes: Nodes, number: int) -> np.ndarray:
-        """Positions (n_local, dim) after an increment, by its number."""
+    def state(
+        self,
+        nodes: Nodes,
+        number: int,
+        control: float,
+        state_at: Callable[[float, np.ndarray], State],
+    ) -> State:
+        """The state after an increment, by its number; ``state_at`` as above."""
 
 
 class FiniteTest:
@@ -166,16 +172,20 @@ def solve_finite(
     start = test.at(0.0)
     equilibrium = Equilibrium(test.model, start, experiment.options)
     types = equilibrium.types()
-    path = Path([start])
+    path = Path([start], begin=start.time)
     done: list[Increment] = []
-    places: list[np.ndarray] = []  # after each increment, where nothing keeps them on disk
+    kept: list[State] = []  # after each increment, where nothing keeps them on disk
     states: list[result.State] = []  # asked for
     last: list[result.State] = []  # whether asked for or not
     dim, nodes = test.model.dim, test.ply.nodes
 
     def state_after(number: int) -> result.State:
-        x = places[number] if keeper is None else keeper.positions(nodes, number)
-        return test.measured_anew(test.at(done[number].control, x))
+        state = (
+            kept[number]
+            if keeper is None
+            else keeper.state(nodes, number, done[number].control, test.at)
+        )
+        return test.measured_anew(state)
 
     found = result.TestResult(
         experiment,
@@ -199,19 +209,19 @@ def solve_finite(
         if increment.asked:
             states.append(state)
         if keeper is None:
-            places.append(step.state.x)
+            kept.append(step.state)
         else:
-            keeper.write(nodes, path, done)
+            keeper.write(nodes, path, done, step.state)
         if accepted is not None:
             accepted(increment)
 
     try:
         if keeper is not None:
-            kept = keeper.restore(nodes, test.at)
-            if kept is None:
-                keeper.write(nodes, path, done)
+            earlier = keeper.restore(nodes, test.at)
+            if earlier is None:
+                keeper.write(nodes, path, done, start)
             else:
-                path, asked = kept
+                path, asked = earlier
                 done += keeper.increments
                 states += map(test.measured_anew, asked)
         follow(equilibrium, test.stage(), path, take)

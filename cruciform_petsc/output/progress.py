@@ -197,15 +197,16 @@ def progress_bar(
         for handler in log.handlers
         if isinstance(handler, logging.StreamHandler) and handler.stream is stdout
     ]
-    with bar:  # sys.stdout writes above the bar in here
+    try:
+        bar.start()  # sys.stdout writes above the bar now
         console.show_cursor(True)  # a rank that is killed cannot put it back
         for handler in mine:
             handler.setStream(sys.stdout)
-        try:
-            yield tell
-        finally:
-            for handler in mine:
-                handler.setStream(stdout)
+        yield tell
+    finally:
+        bar.stop()  # also where it was interrupted as it started
+        for handler in mine:
+            handler.setStream(stdout)
 
 
 def duration(seconds: float) -> str:

@@ -772,6 +772,41 @@ def test_steps_are_the_usual_ones_after_a_value(monkeypatch):
     assert [increment.cuts for increment in result.increments] == [1, 0, 0]
 
 
+def test_going_on_before_the_first_value_takes_the_same_steps():
+    """The largest step is that of the whole stage, also from a place within it."""
+    cloth = clamped(diagonals(4, 8), bending=True)
+    equilibrium = Equilibrium(cloth.model, cloth.state())
+    solve, tried = equilibrium.solve, []
+
+    def solved(guess):
+        tried.append(guess.time)
+        if guess.time > 0.55:
+            raise EquilibriumError("no equilibrium found", "TEST", [])
+        return solve(guess)
+
+    def motion(edge, control):
+        return np.eye(2), np.array([0.0, 0.005 * control]) * (edge == "upper")
+
+    equilibrium.solve = solved
+    kept = []
+
+    def accepted(step, path):
+        if len(kept) < 1:
+            tried.clear()
+            kept.append(replace(path, states=list(path.states)))
+
+    stage = cloth.stage(motion, [1.0])
+    with pytest.raises(EquilibriumError):
+        follow(equilibrium, stage, cloth.state(), accepted)
+    expected = tried[:]
+    tried.clear()
+    assert kept[0].state.time == 0.5
+    with pytest.raises(EquilibriumError):
+        follow(equilibrium, stage, kept[0])
+    assert tried == expected
+    equilibrium.destroy()
+
+
 def test_last_accepted_state_survives():
     """A step that fails leaves how far the stage has come as it was; from there it goes on."""
     cloth = clamped(diagonals(4, 8), bending=True)

@@ -3,6 +3,7 @@
 
 import csv
 import json
+import resource
 from dataclasses import replace
 
 import h5py
@@ -109,6 +110,20 @@ def test_failure_half_way_keeps_the_old_file(tmp_path):
         write(KeyError("x"))
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["x.txt"]
+
+
+@pytest.mark.parametrize("room", [0, 3000, 20_000])
+def test_full_disk_within_a_vtkhdf_file(tmp_path, result, room):
+    """A sentence, nothing is left, and HDF5 does not crash as the process ends."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for write_any in (write_state, write_series):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            with pytest.raises(InputError, match=r'x.vtkhdf" cannot be written: File too large'):
+                write_any(tmp_path / "x.vtkhdf", result)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
 
 
 # -- ParaView --------------------------------------------------------------------------------------
