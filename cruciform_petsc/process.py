@@ -7,6 +7,7 @@ Imports neither MPI nor PETSc: it sets up the process before these start.
 from __future__ import annotations
 
 import atexit
+import contextlib
 import faulthandler
 import io
 import os
@@ -159,7 +160,8 @@ def standard_streams() -> Iterator[None]:
 
 def prepare_surroundings() -> None:
     """Have libraries find what they need; InputError if there is no folder for temporary files."""
-    faulthandler.enable()  # tells the place of a crash: PETSc's handlers of signals are left out
+    with contextlib.suppress(OSError):  # no stderr of the system's
+        faulthandler.enable()  # tells the place of a crash: PETSc's handlers of signals are left out
     os.environ.setdefault("UCX_DEBUG_SIGNO", "0")  # or SIGHUP makes UCX, below MPI, talk
     os.environ.pop("MPLBACKEND", None)  # a notebook's may not be there, and no window is opened
     try:

@@ -155,7 +155,7 @@ def test_killed_on_two_ranks_resumed_by_the_case_file(case, tmp_path, wanted):
         0, "resume", case, "--output", out, "--set", "test.increments=20", "--quiet"
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout == ""
+    assert all(line.startswith("warning ") for line in result.stdout.splitlines())
     for row, row_wanted in zip(curve(out), wanted, strict=True):
         assert row == pytest.approx(row_wanted, rel=1e-6, abs=1e-15)
 
