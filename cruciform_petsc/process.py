@@ -161,7 +161,7 @@ def standard_streams() -> Iterator[None]:
 def prepare_surroundings() -> None:
     """Have libraries find what they need; InputError if there is no folder for temporary files."""
     with contextlib.suppress(OSError):  # no stderr of the system's
-        faulthandler.enable()  # tells the place of a crash: PETSc's handlers of signals are left out
+        faulthandler.enable()  # tells the place of a crash, as PETSc's handlers are left out
     os.environ.setdefault("UCX_DEBUG_SIGNO", "0")  # or SIGHUP makes UCX, below MPI, talk
     os.environ.pop("MPLBACKEND", None)  # a notebook's may not be there, and no window is opened
     try:
