@@ -84,6 +84,32 @@ def most(comm: MPI.Intracomm, values, initial=-np.inf):
     return max(*comm.allgather(np.max(values).item() if np.size(values) else initial), initial)
 
 
+def quantile(
+    comm: MPI.Intracomm, values: np.ndarray, share: float, weight: np.ndarray | None = None
+) -> float:
+    """Smallest of all ranks' values (n,) that has, with those below it, a share of all weight.
+
+    Collective; NaN without any weight. Weights are whole numbers (1 each by default), so that the
+    result is the same on any number of ranks. Halving the range finds it, to 1e-15 of the range.
+    """
+    weight = np.ones(len(values), np.int64) if weight is None else weight
+    values, weight = values[weight > 0], weight[weight > 0]
+    total = comm.allreduce(int(weight.sum()))
+    if not total:
+        return math.nan
+
+    def reaches(value: float) -> bool:
+        return comm.allreduce(int(weight[values <= value].sum())) >= share * total
+
+    low, high = least(comm, values), most(comm, values)
+    if reaches(low):
+        return low
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if reaches(middle) else (middle, high)
+    return most(comm, values[values <= high])
+
+
 # -- records -----------------------------------------------------------------------------------
 
 

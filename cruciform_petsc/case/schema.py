@@ -13,14 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, model_validator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
-from ..experiments.table import TestTable
+from ..experiments.table import TestTable, small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
@@ -108,6 +108,15 @@ class Case(Table):
     """Options of the solver."""
     output: OutputTable = OutputTable()
     """What is written, and where."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _ladder_asks_for_small(cls, data: Any) -> Any:
+        match data:
+            case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
+                if not others.get("second_gradient"):  # which is finite
+                    return data | {"test": small_unless_told(test)}
+        return data
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -215,6 +224,12 @@ class Case(Table):
                 preform.check_size(fabric)
             with problems.caught():
                 self.test.check(preform, fabric)
+        for key, on in (
+            ("continuum.compare", self.continuum.compare),
+            ("output.exports", self.output.exports),
+        ):
+            if on and self.test.space:
+                problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
         problems.tell()
 
 
