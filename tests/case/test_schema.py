@@ -539,7 +539,7 @@ def test_bad_override(write, override):
             'solver.options "ksp_rtol" must be a number from 1e-16 to 1, got [1]',
         ),
         (
-            ["test.space=true"],
+            ["test.finite=false", "test.space=true"],
             "test.space = true needs finite = true: small displacements are flat",
         ),
         (
