@@ -15,6 +15,9 @@ _BEGIN = re.compile(r"""\s*(?:[\w"'][^=\[{]*=|\[\[?\s*[A-Za-z_"'][^,=]*\]\s*(?:#
 _KEY = re.compile(r"\b(?:title|fabric|preform|test|continuum|solver|output)\b(?:\.\w+)*")
 _UNKNOWN = re.compile(r'(?:\[([\w.]+)\]|the case file) has the unknown key "(.*?)" \(')
 
+# Letters that are read to find lines, with what is read again: keys farther on get none.
+_MOST_READ = 2_000_000
+
 Path = tuple[str, ...]
 
 
@@ -28,9 +31,13 @@ def key_lines(text: str) -> dict[Path, int]:
     begins = [n for n, line in enumerate(lines) if _BEGIN.match(line)]
     found: dict[Path, int] = {}
     table: Path = ()
+    left = _MOST_READ
     while begins:
         begin = begins.pop(0)
         for k, end in enumerate([*begins, len(lines)]):
+            left -= sum(map(len, lines[begin:end]))
+            if left < 0:
+                return found
             try:
                 data = tomllib.loads("\n".join(lines[begin:end]))
             except tomllib.TOMLDecodeError:

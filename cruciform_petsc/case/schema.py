@@ -23,7 +23,7 @@ from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import TestTable, small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..parallel import on_root
-from ..reading import parse_toml, read_toml
+from ..reading import LARGEST_CASE, parse_toml, read_given, read_toml
 from ..solvers.settings import check_settings
 from .lines import with_lines
 
@@ -143,7 +143,7 @@ class Case(Table):
                 FabricTable.from_data(data["fabric"], "fabric").build("")
             with problems.caught():
                 PreformTable.from_data(data["preform"], "preform").build()
-        text = Path(path).read_text(encoding="utf-8-sig", errors="replace")
+        text = read_given(path, "case file", "TOML", LARGEST_CASE).decode("utf-8-sig")
         others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
         raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
