@@ -97,7 +97,10 @@ def follow(
             control, guess = aim.next(last, min(aim.most, path.allowed or aim.most))
             change = abs(control - last.time)
             try:
-                found = settle(equilibrium, guess.at(*_held(stage, control)))
+                guess = guess.at(*_held(stage, control))
+                if not stage.carry_on:
+                    guess = equilibrium.model.carried(last, guess)
+                found = settle(equilibrium, guess)
             except EquilibriumError:
                 cuts += 1
                 path.allowed = 0.5 * change

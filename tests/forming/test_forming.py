@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.formed import HARD, formed, hemisphere, network
+from support.formed import HARD, formed, hemisphere, network, travel
 
 from cruciform_petsc.errors import EquilibriumError
 from cruciform_petsc.forming.blank import Blank
@@ -50,6 +50,23 @@ def test_viscosity_and_steps_do_not_matter():
     for force, shear in found[1:]:
         assert force == pytest.approx(found[0][0], rel=1e-2)
         assert shear == pytest.approx(found[0][1], abs=0.3)
+
+
+def test_it_does_not_matter_which_tool_moves():
+    """A die that comes up with its holder does what a punch does that comes down."""
+    found = []
+    for mover, way in (("punch", -20e-3), ("die", 20e-3)):
+        # All that moves drags a little, here the sheet, there the punched part.
+        blank, plans = hemisphere(settings=replace(HARD, viscosity=0.2))
+        move = {mover: travel(0.0, 0.0, way)}
+        steps, states = formed(blank, plans[0], replace(plans[1], motions=move))
+        place = states[-1].x[blank.cloth_at] - steps[-1].tool_place["die"]
+        found.append((steps[-1], place))
+    (step, place), (other, there) = found
+    np.testing.assert_allclose(there, place, atol=2e-5)
+    for tool, force in step.tool_force.items():
+        np.testing.assert_allclose(other.tool_force[tool], force, atol=0.03)
+    assert other.work == pytest.approx(step.work, rel=5e-3)
 
 
 def test_what_is_kept():

@@ -98,20 +98,20 @@ def test_a_slope(slope):
 
 
 def test_a_plate_carries_cloth_along():
-    """Cloth that lies on a plate by friction turns and moves with it, as one body."""
-    plan = StagePlan(
-        "carry",
-        {"bed": lambda p: Motion(p, np.array([8e-3, -4e-3, 6e-3]), [0, 0, 1], [0.02, 0, 0], 0.3)},
-        step=0.05,
-    )
-    settings = replace(HARD, viscosity=1.0)  # its drag, 1 N s/m^3 x 0.02 m/s, is below mu g m
+    """Cloth that lies on a plate by friction turns and moves with it, as one body, at no cost."""
+    way, through = np.array([0.05, -0.02, 0.03]), [0.1, 0.0, 0.0]
+    plan = StagePlan("carry", {"bed": lambda p: Motion(p, way, [0, 0, 1], through, 1.2)}, step=0.05)
+    settings = replace(HARD, viscosity=0.2)  # its drag, 0.2 N s/m^3 x 0.1 m/s, is below mu g m
     net = network((25, 17), yarns_per_cruciform=2)
     blank = Blank(net, plates()[:1], weight=True, settings=settings)
     steps, states = formed(blank, StagePlan("lay", step=1.0), plan)
     end = plan.motions["bed"](Pose()).at(1.0)
     at = blank.cloth_at[blank.ply.active]
-    np.testing.assert_allclose(states[-1].x[at], end.to_lab(states[0].x[at]), atol=1.5e-5)
+    np.testing.assert_allclose(states[-1].x[at], end.to_lab(states[0].x[at]), atol=1e-5)
     np.testing.assert_allclose(steps[-1].tool_place["bed"], end.place, atol=1e-12)
+    # From where it lay Newton's method takes 25 steps or more each time.
+    assert len(steps) == 21
+    assert sum(step.increment.iterations for step in steps) < 60
 
 
 def test_a_tool_is_pushed_by_a_force_and_taken_away():
