@@ -12,6 +12,7 @@ from cruciform_petsc.forming.blank import Blank
 from cruciform_petsc.forming.forming import form
 from cruciform_petsc.forming.press import StagePlan
 from cruciform_petsc.tools import shapes
+from cruciform_petsc.tools.motion import Motion
 from cruciform_petsc.tools.tool import Tool
 
 COMM = MPI.COMM_WORLD
@@ -73,3 +74,21 @@ def test_an_error_is_told_on_all():
         form(blank, [plan], options={"snes_max_it": 1})
     told = COMM.allgather((str(error.value), len(error.value.result.steps)))
     assert len(set(told)) == 1
+
+
+def test_a_plate_that_turns():
+    """Cloth that is carried along lies on the same places on any number of ranks."""
+    turn = StagePlan(
+        "turn", {"bed": lambda pose: Motion(pose, angle=0.5, through=np.array([0.05, 0, 0]))},
+        step=0.25,
+    )  # fmt: skip
+    places = []
+    for comm in (COMM, MPI.COMM_SELF):
+        bed = Tool("bed", shapes.plane(), 0.3)
+        blank = Blank(network((50, 42), comm=comm), [bed], weight=True, settings=HARD)
+        steps, states = formed(blank, StagePlan("lay", step=1.0), turn)
+        assert sum(step.increment.iterations for step in steps) < 40
+        moved = blank.ply.displacement(blank.of_cloth(states[-1]))[0]
+        places.append(gathered(comm, blank.network.crossover_number_global, moved))
+    np.testing.assert_allclose(places[0], places[1], atol=1e-8)
+    assert abs(places[1]).max() > 0.02
