@@ -69,6 +69,31 @@ def test_it_does_not_matter_which_tool_moves():
     assert other.work == pytest.approx(step.work, rel=5e-3)
 
 
+def test_a_quarter_between_planes_of_symmetry():
+    """A quarter of the force, the same shape and shear as the whole."""
+    found = []
+    for quarter in (False, True):
+        blank, plans = hemisphere(quarter=quarter)
+        steps, states = formed(blank, *plans)
+        moved = blank.ply.displacement(blank.of_cloth(states[-1]))[0]
+        at = blank.network.crossover_position
+        mine = (at > -1e-9).all(axis=1)
+        order = np.lexsort(np.round(at[mine], 9).T)
+        shear = blank.ply.fields(blank.of_cloth(states[-1]))["shear_angle"]
+        found.append((steps[-1], moved[mine][order], shear[mine][order]))
+    (whole, moved, shear), (part, quarter, sheared) = found
+    assert len(quarter) == 36
+    assert abs(shear).max() > 0.4
+    # To half a thousandth of the stroke: half a kink, in the plane, is not measured as a whole one.
+    np.testing.assert_allclose(quarter, moved, atol=1e-5)
+    # On the planes the whole's mean of both sides is none, the quarter's that of this side.
+    inside = (at[mine][order] > 1e-9).all(axis=1)
+    np.testing.assert_allclose(sheared[inside], shear[inside], atol=5e-4)
+    for tool, force in whole.tool_force.items():
+        assert 4 * part.tool_force[tool][2] == pytest.approx(force[2], rel=1e-3)
+    assert 4 * part.work == pytest.approx(whole.work, rel=1e-3)
+
+
 def test_what_is_kept():
     """All steps; of the states those asked for and the last; after an error what there was."""
     blank = Blank(network((25, 17)), [Tool("bed", shapes.plane())], settings=HARD)

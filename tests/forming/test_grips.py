@@ -57,9 +57,15 @@ def test_a_ply_held_between_plates_does_not_creep(share, slides):
     net = network((25, 8.4), STIFF, yarns_per_cruciform=2)
     settings = replace(HARD, viscosity=1e5)
     pull = share * 2 * MU * FORCE
-    blank = Blank(net, plates(), settings=settings, further=[load(right, (pull, 0.0, 0.0))])
+    blank = Blank(
+        net,
+        plates(),
+        settings=settings,
+        further=[load(right, (pull, 0.0, 0.0))],
+        factors={"pull": 0.0},
+    )
     wait = StagePlan("wait", step=1.0, results=200)
-    _, states = formed(blank, replace(CLOSE, factors={"pull": 0.0}), PULL, wait)
+    _, states = formed(blank, CLOSE, PULL, wait)
     last = [state.x[blank.cloth_at[blank.ply.active], 0] for state in states]
     moved = last[-1] - last[-100]
     if slides:

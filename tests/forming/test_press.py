@@ -89,6 +89,17 @@ def test_forces_and_factors_go_on(blank):
     assert last.drive(4.0)[1]["holder"] == 0.0
 
 
+def test_what_acts_before_the_first_stage():
+    """A load that is not on yet stays off until a stage names it."""
+    pull = load(lambda rest: rest[:, 0] > 0.01, (1.0, 0.0, 0.0), factor=1.0)
+    later = Blank(network((25, 17)), [], settings=HARD, further=[pull], factors={"pull": 0.0})
+    assert later.model.force(later.start())[1].any() == np.False_
+    first = Press(later, StagePlan("wait"), Posture.at_the_start(later), 0.0)
+    assert first.drive(0.5)[1] == {"pull": 0.0}
+    second = Press(later, StagePlan("pull", factors={"pull": 2.0}), after(first, later), 1.0)
+    assert second.drive(1.25)[1] == {"pull": 0.5}
+
+
 def test_contact_that_suits_a_fabric():
     """1 % of strain over fifty thicknesses compacts cloth by half its thickness on either side."""
     fabric = cloth()

@@ -116,25 +116,32 @@ def formed(blank, *plans, **options):
     return result.steps, states
 
 
-def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD):
-    """A small hemisphere, 20 mm deep, and the plans that form it; 121 crossovers."""
+def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD, quarter=False, **options):
+    """A small hemisphere, 20 mm deep, and the plans that form it; 121 crossovers, or a quarter."""
     law = {"law": "sin-potential", "coefficients": ["18.5 N/m", "46.4 N/m", "60 N/m"]}
-    net = network(
-        (92.0, 92.0), cloth(bending="1 N mm", shear=law), comm=comm,
-        yarns_per_cruciform=2,
-    )  # fmt: skip
+    fabric, force = cloth(bending="1 N mm", shear=law), np.array([0.0, 0.0, -20.0])
+    options = {"yarns_per_cruciform": 2, **options}
+    net = network((92.0, 92.0), fabric, comm=comm, **options)
+    edges = None
+    if quarter:  # planes of symmetry along yarns
+        corners = 46e-3 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        preform = Preform.polygon(corners.tolist(), bias_angle=0.0, origin=(0, 0), **options)
+        net, force = Network(comm, preform, fabric), force / 4
+
+        def edges(constraints):
+            for edge in ("left", "lower"):
+                constraints.symmetry(edge)
+
     radius = 20e-3
+    above, high = (Pose(np.array([0, 0, z]), OVER) for z in (1e-3, 1e-3 + radius))
     tools = [
         Tool("die", shapes.opening(22.5e-3, 5e-3, 90e-3), 0.2),
-        Tool("holder", shapes.ring(29e-3, 90e-3, 1e-3), 0.2, Pose(np.array([0, 0, 1e-3]), OVER)),
-        Tool(
-            "punch", shapes.sphere(radius, shaft=True), 0.2,
-            Pose(np.array([0, 0, 1e-3 + radius]), OVER),
-        ),
-    ]  # fmt: skip
-    blank = Blank(net, tools, settings=settings)
+        Tool("holder", shapes.ring(29e-3, 90e-3, 1e-3), 0.2, above),
+        Tool("punch", shapes.sphere(radius, shaft=True), 0.2, high),
+    ]
+    blank = Blank(net, tools, settings=settings, edges=edges)
     plans = [
-        StagePlan("close", forces={"holder": np.array([0.0, 0.0, -20.0])}, step=1 / close),
-        StagePlan("draw", {"punch": travel(0, 0, -20e-3)}, step=1.0 / steps),
+        StagePlan("close", forces={"holder": force}, step=1 / close),
+        StagePlan("draw", {"punch": travel(0, 0, -20e-3)}, step=1 / steps),
     ]
     return blank, plans
