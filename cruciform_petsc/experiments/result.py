@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from ..net.lattice import SHORTEST_ARM
-from ..parallel import least, most
+from ..parallel import least, most, quantile
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -219,7 +219,7 @@ class TestResult:
         """
         comm, angles = self.network.comm, [state.fields["shear_angle"] for state in self.states]
         return {
-            name: np.array([_median(comm, angle[self.zones == number]) for angle in angles])
+            name: np.array([quantile(comm, angle[self.zones == number]) for angle in angles])
             for number, name in enumerate(ZONES)
         }
 
@@ -261,18 +261,3 @@ class TestResult:
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
-
-
-def _median(comm, values: np.ndarray) -> float:
-    """Median of all ranks' values to 1e-12 of their range, found by halving it. Collective."""
-    count = comm.allreduce(len(values))
-    if not count:
-        return float("nan")
-    low, high = least(comm, values), most(comm, values)
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if 2 * comm.allreduce(int((values <= middle).sum())) >= count:
-            high = middle
-        else:
-            low = middle
-    return high

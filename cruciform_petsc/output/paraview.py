@@ -9,7 +9,7 @@ tables.py.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -82,8 +82,8 @@ def write_state(
         Which of the result's states.
     """
     network = result.network
-    arrays = _arrays(network, result.states[index])
-    _write_by_rank(network.comm, path, iter([arrays]), notes or {})
+    only = arrays(network, result.states[index])
+    write_by_rank(network.comm, path, iter([only]), notes or {})
 
 
 def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
@@ -104,11 +104,11 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
     time_is = column.column if ascending else "state"
     notes = {**(notes or {}), "time_is": time_is, "controls": controls}
     times = controls if ascending else np.arange(len(states), dtype=float)
-    steps = (_arrays(network, state) for state in states)
-    _write_by_rank(network.comm, path, steps, notes, times)
+    steps = (arrays(network, state) for state in states)
+    write_by_rank(network.comm, path, steps, notes, times)
 
 
-def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
+def arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition by their names in the file. Collective.
 
     A rank without crossovers has no partition: its arrays are empty.
@@ -158,17 +158,19 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     }
 
 
-def _write_by_rank(
+def write_by_rank(
     comm: MPI.Intracomm,
     path: str | Path,
     steps: Iterator[Arrays],
     notes: Notes,
     times: np.ndarray | None = None,
+    changing: Collection[str] = CHANGING,
 ) -> None:
     """Write a file in which every dataset is the ranks' arrays one after the other. Collective.
 
     ``steps`` are made as they are needed, one for each of the ``times``: the same names, types and
-    trailing shapes on every rank. Ranks write at the same time where h5py can, else in turn.
+    trailing shapes on every rank; only those in ``changing`` differ between times. Ranks write at
+    the same time where h5py can, else in turn.
     """
     import h5py
 
@@ -176,7 +178,7 @@ def _write_by_rank(
     lengths = np.array(comm.allgather([len(array) for array in first.values()]))
     begin = dict(zip(first, lengths[: comm.rank].sum(axis=0), strict=True))
     total = dict(zip(first, lengths.sum(axis=0), strict=True))
-    stride = {name: rows * (name in CHANGING) for name, rows in total.items()}
+    stride = {name: rows * (name in changing) for name, rows in total.items()}
     step = np.arange(1 if times is None else len(times))
     together = comm.size > 1 and h5py.get_config().mpi
     options = {"driver": "mpio", "comm": comm} if together else {}
@@ -210,7 +212,7 @@ def _write_by_rank(
     def fill(k: int, arrays: Arrays, temporary: Path) -> None:
         with h5py.File(temporary, "r+", **options) as file:
             for name, array in arrays.items():
-                if len(array) and (k == 0 or name in CHANGING):
+                if len(array) and (k == 0 or name in changing):
                     at = begin[name] + k * stride[name]
                     file[f"VTKHDF/{name}"][at : at + len(array)] = array
 
