@@ -390,6 +390,9 @@ class _FormingRun(_Run):
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
+            if case.output.pictures:
+                with self.stages.stage("pictures", "pictures drawn"):
+                    formed.draw_all(self.directory, forming, result, record, self.summary)
         self._write_summary()
         if result.steps:
             formed.tell_outcome(log, self.summary, self.directory)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..equilibrium.state import State
+from ..errors import InputError
 from ..experiments.result import State as Fields
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
@@ -22,8 +24,9 @@ from ..forming.measures import (
     yarn_directions,
 )
 from ..tools.motion import Pose
-from . import paraview
+from . import paraview, pictures, scene
 from .provenance import provenance
+from .sample import MAP_LIMIT
 from .tables import in_order, lines, write_csv, write_pieces
 
 if TYPE_CHECKING:
@@ -251,6 +254,84 @@ def write_series(
     facets = [tool.surface.facets() for tool in forming.tools]
     tools = (_tools(forming, facets, state) for state in states)
     paraview.write_by_rank(comm, directory / "tools.vtkhdf", tools, notes, times, {"Points"})
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+def draw_all(
+    directory: Path, forming: Forming, formed: Formed, record: Record, summary: dict[str, Any]
+) -> list[str]:
+    """Draw the formed blank and the curves; returns the pictures' names. Collective.
+
+    One in space that cannot be drawn here is left out, with a word in the log.
+    """
+    comm, title = forming.network.comm, pictures.plain_text(summary["title"])
+    table, state = record.table(), formed.states[-1]
+    time = np.append(0.0, [step.increment.control for step in record.steps])
+
+    def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
+        """Columns by their labels, from zero on."""
+        return {
+            label: scale * np.append(0.0, np.array(table[column], float))
+            for label, column in columns.items()
+        }
+
+    def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
+        return {label: (time, values) for label, values in over_time(columns).items()}
+
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools = tool_facets(forming, facets, state)[:2]
+    forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
+    edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
+    energies = {mode.replace("_", " "): f"energy_{mode}_J" for mode in ENERGIES}
+    energies |= {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
+    axis = "stages done"
+    drawn = {
+        "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
+        "tool_forces.png": partial(
+            pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
+        ),
+        "draw_in.png": partial(
+            pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
+        ),
+        "energy.png": partial(
+            pictures.stacked, time, over_time(energies, 1e3), (axis, "energy (mJ)"), title
+        ),
+    }
+    written = []
+    for name, draw in drawn.items():
+        try:
+            pictures.save(comm, directory / name, draw)
+        except InputError as error:  # the results are worth more than a picture of them
+            record.log.warning("no %s: %s", name, error)
+        else:
+            written.append(name)
+    return written
+
+
+def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cloth through its crossovers, or every k-th of them, on rank 0. Collective.
+
+    Points (n, 3), m, triangles (m, 3), and shear angles (n,), degrees; nothing on other ranks.
+    """
+    network, blank = forming.network, forming.blank
+    fields = blank.ply.fields(blank.of_cloth(state))
+    every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
+    taken = (network.crossover_ij % every == 0).all(axis=1)
+    place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
+    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
+    if gathered is None:
+        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros(0)
+    rows = np.concatenate(gathered)
+    i, j = (rows[:, :2] // every).astype(np.int64).T
+    i, j = i - i.min(), j - j.min()
+    number = np.full((i.max() + 2, j.max() + 2), -1)
+    number[i, j] = np.arange(len(rows))
+    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
+    return rows[:, 2:5], triangles[(triangles >= 0).all(axis=1)], rows[:, 5]
 
 
 def _point(name: str) -> str:
