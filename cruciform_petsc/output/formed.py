@@ -284,8 +284,10 @@ def draw_all(
     tools = tool_facets(forming, facets, state)[:2]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
-    energies = {mode.replace("_", " "): f"energy_{mode}_J" for mode in ENERGIES}
-    energies |= {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
+    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
+    energies["bending"] += energies.pop("out_of_plane_bending")
+    spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
+    energies |= over_time(spent, 1e3)
     axis = "stages done"
     drawn = {
         "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
@@ -295,9 +297,7 @@ def draw_all(
         "draw_in.png": partial(
             pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
         ),
-        "energy.png": partial(
-            pictures.stacked, time, over_time(energies, 1e3), (axis, "energy (mJ)"), title
-        ),
+        "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
     }
     written = []
     for name, draw in drawn.items():

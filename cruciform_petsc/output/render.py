@@ -50,9 +50,9 @@ def render(scene: dict[str, np.ndarray]) -> np.ndarray:
     The scene has either ``lines``, ``first``, ``half`` and ``shades``: see `tubes`; and ``bars``
     (k, 4, 2), their ``bar_height`` and ``bar_colour``. Or a formed blank: ``points`` (n, 3),
     ``triangles`` (m, 3) and ``shades`` (n, 3), and see-through tools: ``tool_points`` and
-    ``tool_triangles``. In both: ``size`` (width, height) in pixels; ``focus`` (3,);
-    ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors; ``half_height`` of what
-    is seen. Lengths in any one unit.
+    ``tool_triangles``, cut off by the ``tool_box`` (6,). In both: ``size`` (width, height) in
+    pixels; ``focus`` (3,); ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors;
+    ``half_height`` of what is seen. Lengths in any one unit.
     """
     plotter = pv.Plotter(off_screen=True, window_size=scene["size"].tolist(), lighting="none")
     plotter.background_color = "white"
@@ -67,7 +67,7 @@ def render(scene: dict[str, np.ndarray]) -> np.ndarray:
         cloth["shades"] = scene["shades"]
         plotter.add_mesh(cloth, scalars="shades", rgb=True, **SMOOTH, **LOOK)
         tools = pv.PolyData.from_regular_faces(scene["tool_points"], scene["tool_triangles"])
-        plotter.enable_depth_peeling()
+        tools = tools.clip_box(scene["tool_box"], invert=False)
         plotter.add_mesh(tools, color=STEEL, opacity=0.2, **LOOK)
     towards, up, focus = scene["towards"], scene["up"], scene["focus"]
     axes = 20.0 * float(scene["half_height"]) * np.array([np.cross(up, towards), up, towards])

@@ -68,18 +68,16 @@ def formed(
     """Draw a formed blank in the colours of its values, between see-through tools. Not collective.
 
     The cloth's points (n, 3) m, triangles (m, 3) and values (n,), degrees; the tools' points and
-    triangles, of which those near the cloth are shown. InputError if nothing here can render.
+    triangles, of which what is near the cloth is shown. InputError if nothing here can render.
     """
     points, triangles, values = cloth
     colours = pictures.colour_scale([values])
     shades = colours.to_rgba(np.ma.masked_invalid(values), bytes=True)[:, :3]
     room = AROUND * np.ptp(points, axis=0).max()
-    corners, cells = tools
-    middle = corners[cells].mean(axis=1)
-    near = (middle > points.min(axis=0) - room) & (middle < points.max(axis=0) + room)
+    box = np.stack([points.min(axis=0) - room, points.max(axis=0) + room], axis=1)
     scene = {
         "points": points, "triangles": triangles, "shades": shades,
-        "tool_points": corners, "tool_triangles": cells[near.all(axis=1)],
+        "tool_points": tools[0], "tool_triangles": tools[1], "tool_box": box.ravel(),
     }  # fmt: skip
     image, extent = _render(scene | _looked_at(points, OBLIQUE, LOW, 0.06))
     return _page(image, 1e3 * extent, colours, title, 1)
