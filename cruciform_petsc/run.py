@@ -381,7 +381,11 @@ class _FormingRun(_Run):
             log.info("%sreplaces the results of %s", INDENT, replaced)
         record = formed.Record(forming, self.directory / "forces.csv", log)
         result = self._form(forming, record)
-        self.summary |= formed.summarize(case, forming, result, record, statistics)
+        told = formed.summarize(case, forming, result, record, statistics)
+        for sentence in told.pop("warnings", []):
+            self.summary["warnings"].append(sentence)
+            log.warning("warning       %s", sentence)
+        self.summary |= told
         if self.failure is not None:
             self.summary["ended_early"] = str(self.failure)
         if result.steps:

@@ -215,8 +215,10 @@ class Forming:
         where = tool = ""
         if error.place is not None:
             x, y = (format_si(float(f"{v:.4g}"), "m") for v in error.place[:2])
-            where = f"; forces are farthest from balance at x = {x}, y = {y} of the flat blank"
-            tool = self._nearest_tool(formed, error.place)
+            where = f" at x = {x}, y = {y} of the flat blank"
+            if error.reason != "PIERCED":
+                where = f"; forces are farthest from balance{where}"
+                tool = self._nearest_tool(formed, error.place)
         error.args = (
             f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
             f'"{self.stages[number].name}" ({error}, {error.reason}){where}{tool}. Smaller steps '

@@ -14,6 +14,7 @@ from ..parallel import least, most, quantile
 from .blank import Blank
 
 MOST_EDGES = 8  # of an outline with more, all are told as one
+DEEPEST = 2.0  # times the thickness: no cloth yields as much on one side
 SIDES = ("lower", "upper", "left", "right")
 
 
@@ -96,6 +97,26 @@ def penetration(blank: Blank, state: State) -> float:
         if state.factors.get(contact.name, 1.0) > 0.0
     ]
     return max(depths, default=0.0)
+
+
+def pierced(blank: Blank, state: State) -> tuple[str, float, np.ndarray] | None:
+    """Which tool lies deeper in the cloth than any cloth could yield, by what, and where at rest.
+
+    A tool, a depth in m and a place (3,), of the deepest; None if there is none. Collective.
+    """
+    found = []
+    for contact in blank.contacts:
+        if state.factors.get(contact.name, 1.0) > 0.0 and len(contact.nodes):
+            distance = contact.fields(state)["distance"]
+            at = int(distance.argmin())
+            if distance[at] < -DEEPEST * blank.thickness:
+                place = blank.ply.nodes.rest[blank.touching[at]].tolist()
+                found.append((float(-distance[at]), contact.name, place))
+    everywhere = [one for ours in blank.comm.allgather(found) for one in ours]
+    if not everywhere:
+        return None
+    depth, name, place = max(everywhere)
+    return name, depth, np.array(place)
 
 
 def shear_figures(blank: Blank, fields: Mapping[str, np.ndarray]) -> dict[str, float]:

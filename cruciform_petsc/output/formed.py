@@ -24,6 +24,7 @@ from ..forming.measures import (
     yarn_directions,
 )
 from ..tools.motion import Pose
+from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
 from .sample import MAP_LIMIT
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
+MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
 
 
@@ -155,12 +157,21 @@ def summarize(
         return summary
     last, state = formed.steps[-1], formed.states[-1]
     fields = blank.ply.fields(blank.of_cloth(state))
+    deepest = penetration(blank, state)
+    warnings = []
+    if deepest > MUCH * forming.thickness:
+        warnings.append(
+            f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
+            f"which is {format_si(forming.thickness, 'm')} thick: a finer net, or a larger "
+            "test.contact.stiffness, brings it nearer to them"
+        )
     summary |= {
+        "warnings": warnings,
         "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
         "tool_place_mm": {name: (MM * p).tolist() for name, p in last.tool_place.items()},
         **shear_figures(blank, fields),
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
-        "penetration_max_mm": MM * penetration(blank, state),
+        "penetration_max_mm": MM * deepest,
         "energy_j": {
             **{mode: last.increment.energies[mode] for mode in ENERGIES},
             **last.spent,
