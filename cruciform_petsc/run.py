@@ -37,7 +37,7 @@ from .output.folder import OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
-from .output.report import write_report
+from .output.report import write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
 
@@ -394,11 +394,15 @@ class _FormingRun(_Run):
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
+            drawn = []
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
-                    formed.draw_all(self.directory, forming, result, record, self.summary)
+                    drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
         self._write_summary()
         if result.steps:
+            if case.output.wants_report:
+                table = record.table()
+                write_forming_report(comm, self.directory, case, self.summary, table, drawn)
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure
