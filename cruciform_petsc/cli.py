@@ -18,16 +18,15 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__
+from . import __version__, process
 from .errors import CruciformError, InputError, InputWarning, harmless, typed_before
 from .experiments.registry import KINDS
 
@@ -61,51 +60,35 @@ _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETS
 # How long a rank that stopped with a sentence waits for the others to stop with it.
 _PATIENCE = 5.0
 
-# Interrupts so far.
-_signals: list[int] = []
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code. Collective over COMM_WORLD.
 
     0: done; 2: the user's doing, told in one sentence on stderr; 1: a fault of the program, told
-    with a traceback; 130 or 143: interrupted or terminated. ``argv`` is what stands behind the
-    program's name.
+    with a traceback; 130, 143 ...: ended by a signal (128 and its number). ``argv`` is what stands
+    behind the program's name.
     """
-    from mpi4py import MPI
+    with process.standard_streams(), process.obeying_signals(to_the_end=argv is None):
+        arguments = sys.argv[1:] if argv is None else list(argv)
+        running: list[Path] = []
+        try:
+            process.prepare_surroundings()
+            from mpi4py import MPI
 
-    arguments = sys.argv[1:] if argv is None else list(argv)
-    comm = MPI.COMM_WORLD
-    running: list[Path] = []
+            process.take_signals()  # UCX, below MPI, has a use of its own for SIGHUP
+            comm = MPI.COMM_WORLD
 
-    def hint() -> str:
-        from .output.checkpoint import hint
+            def hint() -> str:
+                from .output.checkpoint import hint
 
-        return hint(running[-1], comm.size) if running else ""
+                return hint(running[-1], comm.size) if running else ""
 
-    return guarded(comm, lambda: _do(comm, arguments, running), hint)
-
-
-@contextlib.contextmanager
-def _noting_signals() -> Iterator[None]:
-    """Let SIGTERM, which queues send, do what Ctrl-C does, and note both in ``_signals``."""
-
-    def stop(number: int, frame: FrameType | None) -> NoReturn:
-        _signals.append(number)
-        raise KeyboardInterrupt
-
-    _signals.clear()
-    before = {}
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # Not where they are ignored (nohup) or not Python's, nor outside the main thread.
-        if signal.getsignal(number) not in (signal.SIG_IGN, None):
-            with contextlib.suppress(ValueError):
-                before[number] = signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+            return guarded(comm, lambda: _do(comm, arguments, running), hint)
+        except KeyboardInterrupt:
+            return _interrupted(None, str)
+        except CruciformError as error:
+            _say(error)
+            return 2
 
 
 def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], str]) -> int:
@@ -117,23 +100,28 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
       the sentence, all return 2.
     - Some raise a CruciformError while others wait for them: after a few seconds one prints the
       sentence and aborts all with 2.
-    - An interrupt on any rank: a sentence, all aborted with 130 (143 for a SIGTERM).
+    - An interrupt on any rank: a sentence, all aborted with 128 and the number of the signal.
     - Too little memory, or another error of PETSc's that can be told: the same, at once.
     - Any other exception on any rank: traceback, all aborted with 1.
 
     ``hint`` tells, on one rank, how to go on after an interrupt.
     """
-    control = comm.Dup()  # agreement must not mix with messages of the work
-    failure: CruciformError | None = None
+    control = None
     try:
-        with _noting_signals():
+        control = comm.Dup()  # agreement must not mix with messages of the work
+        failure: CruciformError | None = None
+        try:
             work()
-    except CruciformError as error:
-        failure = error
+            process.check_output()
+        except CruciformError as error:
+            if process.came:  # an interrupt that was taken for something else
+                return _interrupted(control, hint)
+            failure = error
+        return _agree(control, failure)
     except KeyboardInterrupt:
         return _interrupted(control, hint)
     except Exception as error:
-        if _signals:  # an interrupt on its way through PETSc
+        if process.came:  # an interrupt on its way through PETSc
             return _interrupted(control, hint)
         told = _in_words(error)
         if told:
@@ -142,7 +130,6 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         text = f"{PROGRAM}: internal error on rank {comm.rank}\n{traceback.format_exc()}"
         print(harmless(text), file=sys.stderr, flush=True)
         return _abort(control, 1)
-    return _agree(control, failure)
 
 
 def _in_words(error: Exception) -> object:
@@ -156,12 +143,11 @@ def _in_words(error: Exception) -> object:
     return None
 
 
-def _interrupted(control: MPI.Intracomm, hint: Callable[[], str]) -> int:
+def _interrupted(control: MPI.Intracomm | None, hint: Callable[[], str]) -> int:
     """Say how to go on, and end all ranks."""
-    number = _signals[0] if _signals else signal.SIGINT
-    with contextlib.suppress(ValueError):  # not in the main thread
-        signal.signal(number, signal.SIG_IGN)
-    if control.rank:
+    process.ignore_signals()
+    number = process.came[0] if process.came else signal.SIGINT
+    if control is not None and control.rank:
         time.sleep(0.5)  # rank 0 speaks if it is interrupted, too, and takes the others along
     _say("; ".join(filter(None, ("interrupted", hint()))))
     return _abort(control, 128 + number)
@@ -199,17 +185,19 @@ def _say(failure: CruciformError | str) -> None:
     print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
 
 
-def _abort(control: MPI.Intracomm, code: int) -> int:
+def _abort(control: MPI.Intracomm | None, code: int) -> int:
     """End all ranks; a single one simply returns."""
     sys.stdout.flush()
     sys.stderr.flush()
-    if control.size > 1:
+    if control is not None and control.size > 1:
         control.Abort(code)
     return code
 
 
 def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
     """Do what was typed; puts the folder of a run into ``running``, once there is one."""
+    from .parallel import on_root
+
     own, petsc_options = split_arguments(arguments)
     try:
         with contextlib.redirect_stdout(io.StringIO() if comm.rank else sys.stdout):
@@ -219,6 +207,9 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
     args.log = _logger(comm, args)
     warnings.simplefilter("ignore", InputWarning)  # the log tells
     args.running = running
+    cache = on_root(comm, process.spare_cache)
+    if cache:
+        os.environ["XDG_CACHE_HOME"] = os.environ["MPLCONFIGDIR"] = cache
     _start_petsc(comm, petsc_options)
     args.work(comm, args)
 
@@ -391,7 +382,8 @@ def _start_petsc(comm: MPI.Intracomm, options: list[str]) -> None:
     started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
     import petsc4py
 
-    petsc4py.init([sys.argv[0], *options])
+    # Without its handlers of signals, which end all in words of its own.
+    petsc4py.init([sys.argv[0], "-no_signal_handler", *options])
     if started and options:
         from petsc4py import PETSc
 

@@ -19,9 +19,9 @@ import numpy as np
 from .calibration.curve import columns_of_files, read_curve
 from .errors import InputError, cut, harmless
 from .experiments.registry import KINDS, kind_class
+from .experiments.result import EFFORT
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked
-from .output.progress import EFFORT
 from .output.tables import write_json
 from .parallel import on_root
 from .quantities import Quantity, displacement, quantity
@@ -129,13 +129,10 @@ def difference(a: Line, b: Line, at: np.ndarray, relative: bool = True) -> Diffe
 def load_line(result: TestResult) -> Line:
     """Load (N) over displacement (mm) of a result, as a test machine sees it. Collective.
 
-    The loading branch; with all increments, if the displacement is what the test prescribes.
+    The loading branch, with all increments.
     """
-    curve, steps = result.curve(), result.increments
+    curve = result.curve()
     column = _displacement(curve, result.experiment.kind)
-    if column == result.experiment.column and steps:
-        controls = np.array([step.control for step in steps]) / column.scale
-        return loading(controls, np.array([step.load for step in steps]))
     return loading(curve[column.column], curve["load_N"])
 
 
@@ -164,8 +161,8 @@ class Side:
     path: str
     title: str
     kind: str  # of test, or "measured"
-    columns: dict[str, np.ndarray]  # at the values asked for (n,), the control first
-    path_columns: dict[str, np.ndarray]  # at all increments (m,), what is known there
+    columns: dict[str, np.ndarray]  # of all increments (n,), the control first
+    asked: np.ndarray  # which of them have values that were asked for, bool (n,)
     notes: tuple[str, ...] = ()  # of measured data, see MeasuredCurve
 
     @property
@@ -174,11 +171,8 @@ class Side:
         return self.kind == "measured"
 
     def line(self, x: str, y: str) -> Line:
-        """The loading branch of a column over another, with all increments if they have it."""
-        columns = self.columns
-        if x in self.path_columns and y in self.path_columns:
-            columns = self.path_columns
-        return loading(columns[x], columns[y])
+        """The loading branch of a column over another."""
+        return loading(self.columns[x], self.columns[y])
 
 
 def read_side(path: str | Path, which: str | None = None) -> Side:
@@ -191,19 +185,21 @@ def read_side(path: str | Path, which: str | None = None) -> Side:
     if not os.path.isdir(path):
         measured = read_curve(path, which)
         columns = {"displacement_mm": 1e3 * measured.displacement, "load_N": measured.force}
-        return Side(str(path), path.name, "measured", columns, {}, measured.notes)
+        every = np.ones(len(measured.force), bool)
+        return Side(str(path), path.name, "measured", columns, every, measured.notes)
     if not os.path.exists(path / "curve.csv"):
         raise InputError(
             f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
         )
     columns = _table(path / "curve.csv")
-    further = _table(path / "increments.csv") if os.path.isfile(path / "increments.csv") else {}
+    asked = columns.get("asked", np.ones(1)) > 0
+    asked = np.broadcast_to(asked if asked.any() else True, next(iter(columns.values())).shape)
     summary = read_json(path / "summary.json", follow=True)
     title, kind = (
         harmless(cut(str(summary.get(key, other))))
         for key, other in (("title", path.name), ("kind", "unknown"))
     )
-    return Side(str(path), title, kind, _with_energy(columns), _with_energy(further))
+    return Side(str(path), title, kind, _with_energy(columns), asked)
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
@@ -217,8 +213,9 @@ def _table(path: Path) -> dict[str, np.ndarray]:
             raise ValueError
     except (ValueError, csv.Error):
         raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
-    if not rows or "load_N" not in header:
-        raise InputError(f'"{path}" has no loads')
+    forces = [name for name in header if quantity(name).unit == "N" and name not in EFFORT]
+    if not rows or not forces:
+        raise InputError(f'"{path}" has no forces')
     return dict(zip(header, values.T, strict=True))
 
 
@@ -262,7 +259,7 @@ def compare(
         names = [name for name in a.columns if name in b.columns and name != axes[0]]
     lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
     x = {side: side.columns[axis] for side, axis in zip(sides, axes, strict=True)}
-    at = np.concatenate([x[side] for side in exact])
+    at = np.concatenate([x[side][side.asked] for side in exact])
     figures = {}
     for name, pair in lines.items():
         found = difference(*pair, at, relative=quantity(name).unit != "°")
@@ -297,7 +294,7 @@ def compare_command(
     for kind in KINDS:
         kind_class(kind)  # declares its columns
     paths = (a_path, b_path)
-    files = [path for path in paths if not Path(path).is_dir()]
+    files = [path for path in paths if not os.path.isdir(path)]
     named = dict(zip(files, columns_of_files(columns, len(files)), strict=True))
     a, b = on_root(comm, lambda: [read_side(path, named.get(path)) for path in paths])
     told, figures, lines = compare(a, b)
@@ -313,7 +310,8 @@ def compare_command(
             where = f"{axis.log_unit} ({value.points} points)"
             log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
         write_json(comm, folder / "comparison.json", told)
-        usual = [name for name in ("load_N", "shear_centre_deg") if name in lines]
+        forces = [name for name in lines if quantity(name).unit == "N"]
+        usual = [*forces, *(name for name in ("shear_centre_deg",) if name in lines)][:2]
         names = _labels(a, b)
         panels = []
         for column in usual or list(lines)[:2]:

@@ -84,22 +84,30 @@ def most(comm: MPI.Intracomm, values, initial=-np.inf):
     return max(*comm.allgather(np.max(values).item() if np.size(values) else initial), initial)
 
 
-def quantile(comm: MPI.Intracomm, values: np.ndarray, share: float = 0.5) -> float:
-    """Least value that so large a share of all ranks' values does not exceed; NaN of none.
+def quantile(
+    comm: MPI.Intracomm, values: np.ndarray, share: float, weight: np.ndarray | None = None
+) -> float:
+    """Smallest of all ranks' values (n,) that has, with those below it, a share of all weight.
 
-    To 1e-12 of their range, found by halving it. Collective.
+    Collective; NaN without any weight. Weights are whole numbers (1 each by default), so that the
+    result is the same on any number of ranks. Halving the range finds it, to 1e-15 of the range.
     """
-    count = comm.allreduce(len(values))
-    if not count:
-        return float("nan")
+    weight = np.ones(len(values), np.int64) if weight is None else weight
+    values, weight = values[weight > 0], weight[weight > 0]
+    total = comm.allreduce(int(weight.sum()))
+    if not total:
+        return math.nan
+
+    def reaches(value: float) -> bool:
+        return comm.allreduce(int(weight[values <= value].sum())) >= share * total
+
     low, high = least(comm, values), most(comm, values)
-    for _ in range(40):
+    if reaches(low):
+        return low
+    for _ in range(50):
         middle = 0.5 * (low + high)
-        if comm.allreduce(int((values <= middle).sum())) >= share * count:
-            high = middle
-        else:
-            low = middle
-    return high
+        low, high = (low, middle) if reaches(middle) else (middle, high)
+    return most(comm, values[values <= high])
 
 
 # -- records -----------------------------------------------------------------------------------

@@ -108,6 +108,7 @@ LOAD = declare("load_N")
 declare("displacement_mm", is_displacement=True)  # measured
 declare("shear_centre_deg", "shear, at the centre point", "shear angle in the centre")
 declare("shear_max_deg", "shear, largest (absolute)", "largest shear angle")
+declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99 % of the area")
 declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the middle zone")
 declare("shear_side_deg", "shear, side zones (median)", "shear angle of the side zones")
 declare("shear_clamp_deg", "shear, at the clamps (median)", "shear angle at the clamps")
@@ -141,7 +142,8 @@ def tension_text(largest: Mapping[str, Any]) -> str:
     """A summary's yarn_tension_max in words."""
     place = largest["at_mm"]
     where = "" if place is None else ", at x = {:.4g} mm, y = {:.4g} mm (at rest)".format(*place)
-    return f"{force_text(largest['n'])} per {largest['family']} yarn{where}"
+    on_most = f", on 99 % of the area up to {force_text(largest['n_99'])}"
+    return f"{force_text(largest['n'])} per {largest['family']} yarn{where}{on_most}"
 
 
 def angle_text(degrees: float, unit: str = " deg") -> str:

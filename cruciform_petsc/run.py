@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from mpi4py import MPI
@@ -19,7 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .errors import EquilibriumError, InputError, SolverError
+from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
 from .experiments.limits import warnings
@@ -49,6 +50,7 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     for sentence in check_work(comm, case):
         log.info("%s%s", INDENT, sentence)
     network, _ = _make_network(comm, case, Stages(log))
+    log.info("%s%s, %s", INDENT, case.test.kind, _size(case))
     for sentence in _remarks(case, network, measured):
         log.warning("warning       %s", sentence)
     if not case.test.finite:
@@ -76,8 +78,13 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
-    with locked(comm, directory, OF_RUN, log):
+    with locked(comm, directory, OF_RUN, log), catch_warnings():
+        simplefilter("ignore", InputWarning)  # the log and the summary tell it
         return kind(comm, case, directory, log, checkpoint).run()
+
+
+def _size(case: Case) -> str:
+    return "finite deformation" if case.test.finite else "small displacements"
 
 
 def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
@@ -152,6 +159,10 @@ class _Run:
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
+        with self._telling_how_to_resume():
+            return self._run()
+
+    def _run(self) -> dict[str, Any]:
         case, log = self.case, self.log
         self.measured = _check_comparison(self.comm, case)
         check_work(self.comm, case)
@@ -178,7 +189,7 @@ class _Run:
             log.warning("warning       %s", sentence)
         if self.failure is not None:
             summary["ended_early"] = str(self.failure)
-        with self.stages.stage("write", "results written"), self._telling_how_to_resume():
+        with self.stages.stage("write", "results written"):
             self._write_files(result)
         without = self._solve_without_bending(result)
         membranes = self._compare_with_membranes(result, without)
@@ -196,7 +207,7 @@ class _Run:
     def _solve(self, experiment: Experiment) -> TestResult:
         """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
         case, log = self.case, self.log
-        progress = Progress(experiment, self.directory / "increments.csv", log)
+        progress = Progress(experiment, self.directory / "curve.csv", log)
         resumed = self.checkpoint is not None
         if case.test.finite:
             self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
@@ -210,16 +221,18 @@ class _Run:
             progress.go_on_from(self.checkpoint.increments)
             command = resume_command(self.directory, self.comm.size)
             log.info("%sif interrupted, continue with: %s", INDENT, command)
-        size = "finite deformation" if case.test.finite else f"{experiment.model} model"
-        with self.stages.stage("solve", f"{case.test.kind}, {size}, solved"):
+        model = "" if case.test.finite else f", {experiment.model} model"
+        with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
-                with self._telling_how_to_resume(), progress.bar():
+                with progress.bar():
                     return experiment.solve(progress, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
         if self.failure.result is None:
             reason = str(self.failure)
-            self.summary |= summarize_nothing(self.comm, case, reason, progress.increments)
+            self.summary |= summarize_nothing(
+                self.comm, case, reason, progress.increments, experiment.forces
+            )
             self._write_summary()
             raise self.failure
         return self.failure.result
@@ -252,7 +265,7 @@ class _Run:
         if output.paraview:
             notes = file_notes(result, self.case.model_dump())
             paraview.write_state(directory / "network.vtkhdf", result, notes)
-            if len(result.states) > 1:
+            if max(len(result.states), len(result.increments)) > 1:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)

@@ -30,6 +30,7 @@ outline = {{ rectangle = ["{width:.4f} m", "{length:.4f} m"] }}
 bias_angle = "45 deg"
 [test]
 kind = "bias-extension"
+finite = false
 extension = "{extension:.4f} mm"
 [continuum]
 compare = false

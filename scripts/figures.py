@@ -53,7 +53,7 @@ def membrane_ladder(title, outline, angle, refines):
     membrane = Membrane(COMM, Preform(outline, angle), TABLE_1).solve_bias_extension(1e-3)
     for refine in refines:
         network = Network(COMM, Preform(outline, angle, refine=refine), TABLE_1)
-        result = BiasExtension(network, extension=1e-3, bending=False).solve()
+        result = BiasExtension(network, extension=1e-3, finite=False, bending=False).solve()
         c = compare_with_membrane(result, membrane)
         say(
             refine,
@@ -129,7 +129,7 @@ def inextensible():
         width = 16 * DIAGONAL
         height = slenderness * width
         network = Network(COMM, Preform.rectangle(width, height, bias_angle=pi / 4), fabric)
-        result = BiasExtension(network, extension=1e-4, bending=False).solve()
+        result = BiasExtension(network, extension=1e-4, finite=False, bending=False).solve()
         gamma = 2e-4 / (height - width)
         area = 0.5 * width * (2 * height - 3 * width) + 0.25 * width**2
         energy = sum(value[-1] for value in result.energies().values())
@@ -141,7 +141,7 @@ def large():
     begin = time.perf_counter()
     network = Network(COMM, Preform.rectangle("2 m", "2.1 m"), TABLE_1)
     made = time.perf_counter()
-    result = BiasExtension(network, extension="20 mm").solve()
+    result = BiasExtension(network, extension="20 mm", finite=False).solve()
     end = time.perf_counter()
     peak = COMM.allgather(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     head(

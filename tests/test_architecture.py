@@ -13,6 +13,7 @@ ROOT = Path(cruciform_petsc.__file__).parent
 # Left to right; what stands in one entry does not import its neighbours there.
 ORDER = [
     {"errors"},
+    {"process"},
     {"reading"},
     {"units"},
     {"fields"},

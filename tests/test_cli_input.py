@@ -660,7 +660,7 @@ def test_impossible_extension(case, tmp_path, ranks):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["ended_early"] == sentence
     assert summary["extension_m"][0] == -2e-3
-    rows = (tmp_path / "out" / "increments.csv").read_text().splitlines()
+    rows = (tmp_path / "out" / "curve.csv").read_text().splitlines()
     assert len(rows) == 1 + len(summary["increments"])
     for name in ("curve.csv", "network.vtkhdf"):
         assert (tmp_path / "out" / name).stat().st_size > 40

@@ -54,14 +54,14 @@ def test_network_fits_but_its_system_does_not(monkeypatch):
     monkeypatch.setattr(memory, "machine_memory", lambda: 3_000_000)
     network = Network(MPI.COMM_SELF, preform, TABLE_1)
     with pytest.raises(InputError) as caught:
-        BiasExtension(network, extension="1 mm")
+        BiasExtension(network, extension="1 mm", finite=False)
     number = network.num_crossovers_global
     assert str(caught.value) == (
         f"the network has {number} crossovers, which would need about {6e3 * number / 1e6:.3g} MB "
         "of memory where there are 3 MB, choose a coarser pitch (refine, yarns_per_cruciform), a "
         "smaller outline or more machines"
     )
-    BiasExtension(network, extension="1 mm", bending=False)  # takes less
+    BiasExtension(network, extension="1 mm", bending=False, finite=False)  # takes less
 
 
 def test_outline_of_more_yarns_than_can_be_counted_is_refused(monkeypatch):

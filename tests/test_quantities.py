@@ -54,6 +54,7 @@ def test_values():
     assert [force_text(value) for value in (1.23456, -0.05)] == ["1.235 N", "-50 mN"]
     assert si_text(0.0123456, "m") == "12.35 mm"
     assert [angle_text(-1e-9), angle_text(12.345, "°")] == ["0.00 deg", "12.35°"]
-    most = {"n": 2.0, "family": "weft", "at_mm": [1.0, -2.5]}
-    assert tension_text(most) == "2 N per weft yarn, at x = 1 mm, y = -2.5 mm (at rest)"
-    assert tension_text(most | {"at_mm": None}) == "2 N per weft yarn"
+    most = {"n": 2.0, "n_99": 0.05, "family": "weft", "at_mm": [1.0, -2.5]}
+    tail = ", on 99 % of the area up to 50 mN"
+    assert tension_text(most) == "2 N per weft yarn, at x = 1 mm, y = -2.5 mm (at rest)" + tail
+    assert tension_text(most | {"at_mm": None}) == "2 N per weft yarn" + tail

@@ -8,6 +8,7 @@ import re
 import subprocess
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from warnings import catch_warnings, simplefilter
 
 import h5py
 import numpy as np
@@ -17,10 +18,12 @@ from mpi4py import MPI
 from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
-from cruciform_petsc.errors import EquilibriumError, InputError, harmless
+from cruciform_petsc.errors import EquilibriumError, InputError, InputWarning, harmless
 from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.net_kinematics import net_angle
+from cruciform_petsc.experiments.result import EFFORT
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.figures import figures
 from cruciform_petsc.output.folder import MANIFEST, OF_RUN
 from cruciform_petsc.output.report import CAPTIONS
 from cruciform_petsc.quantities import quantity
@@ -38,7 +41,7 @@ def case(kind="bias-extension", size=("2.4 cm", "3.6 cm"), bias="45 deg", **test
         "output": {"pictures": False},
     }
     data |= {name: test.pop(name) for name in ("fabric", "continuum", "output") if name in test}
-    return Case.from_data(data | {"test": {"kind": kind, **test}})
+    return Case.from_data(data | {"test": {"kind": kind, "finite": False, **test}})
 
 
 def run(comm, tmp_path, made):
@@ -81,12 +84,19 @@ def test_every_kind(tmp_path, kind):
         folder.mkdir()
         both.append(run(MPI.COMM_SELF, folder, case(kind, finite=finite, **KINDS[kind])))
         curve = table(folder / "curve.csv")
-        assert len(curve["load_N"]) == 2
-        assert all(quantity(name).unit for name in curve)
-        assert both[-1]["load_n"] == pytest.approx(curve["load_N"])
+        asked = curve["asked"] == 1
+        assert (asked.sum(), asked[-1]) == (2, True)
+        assert all(quantity(name).unit for name in curve.keys() - EFFORT.keys())
+        assert (EFFORT.keys() <= curve.keys()) == finite
+        summary = both[-1]
+        if kind == "biaxial":  # what does the work of both forces is told nowhere
+            assert "load" not in " ".join((*summary, *summary.get("increments", [{}])[0], *curve))
+            weft = 0.5 * np.array(summary["force_weft_n"])  # on half of the warp's extension
+            summary["load_n"] = (np.array(summary["force_warp_n"]) + weft).tolist()
+            curve["load_N"] = curve["force_warp_N"] + 0.5 * curve["force_weft_N"]
+        assert summary["load_n"] == pytest.approx(curve["load_N"][asked])
         for name in ("series.vtkhdf", "network.vtkhdf"):
             assert (folder / name).exists()
-        assert (folder / "increments.csv").exists() == finite
         # Zones are where yarns end in clamps; this off-axis test has free ends.
         assert (folder / "centre_line.csv").exists() == (kind in CLAMPED)
     small, large = both
@@ -158,14 +168,13 @@ def test_nothing_stays_of_an_earlier_run(tmp_path, caplog):
     assert 'replaces the results of "' in caplog.text
     left = {path.name for path in tmp_path.iterdir()}
     assert "notes.txt" in left
-    assert not left & {"increments.csv", "series.vtkhdf", "stages.png", "preform.inp", "zones.png"}
+    assert not left & {"series.vtkhdf", "stages.png", "preform.inp", "zones.png"}
 
 
 def test_single_values_are_no_lists(tmp_path):
     summary = run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="2 mm"))
     for key in ("load_n", "extension_m", "shear_max_deg", "shear_middle_deg"):
         assert isinstance(summary[key], float)
-    assert not (tmp_path / "series.vtkhdf").exists()
 
 
 def test_loads_at_finite_deformation(tmp_path):
@@ -179,11 +188,11 @@ def test_loads_at_finite_deformation(tmp_path):
 
 
 def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
-    """Every accepted increment, asked for or not."""
+    """Every accepted increment, asked for or not: in curve.csv and in ParaView's series."""
     with caplog.at_level(logging.INFO, LOG.name):
         made = case(finite=True, extension=["1 mm", "3 mm"], increments=6)
         summary = run(MPI.COMM_SELF, tmp_path, made)
-    steps = table(tmp_path / "increments.csv")
+    steps = table(tmp_path / "curve.csv")
     assert steps["extension_mm"] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5, 3.0])
     assert steps["asked"].tolist() == [0, 1, 0, 0, 0, 1]
     assert (steps["residual_N"] <= steps["tolerance_N"]).all()
@@ -195,9 +204,40 @@ def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
     said = " ".join(lines[0].split())
     assert f"load {steps['load_N'][0]:.5g}" in said.replace(" ,", ",")
     assert f"shear {steps['shear_max_deg'][0]:.1f} deg" in said
-    curve = table(tmp_path / "curve.csv")
     asked = steps["asked"] == 1
-    assert steps["shear_max_deg"][asked] == pytest.approx(curve["shear_max_deg"], rel=1e-12)
+    for name, key in (("shear_middle_deg",) * 2, ("load_N", "load_n")):
+        assert steps[name][asked].tolist() == summary[key]
+    with h5py.File(tmp_path / "series.vtkhdf") as file:
+        root = file["VTKHDF"]
+        assert root["Steps"].attrs["NSteps"] == 7
+        assert root["Steps/Values"][1:] == pytest.approx(steps["extension_mm"])
+        assert root.attrs["asked"][1:].tolist() == steps["asked"].tolist()
+        moved = root["PointData/displacement"][:].reshape(7, -1, 3)[..., 1].max(axis=1)
+    assert 1e3 * moved == pytest.approx([0.0, *steps["extension_mm"]], abs=1e-3)
+
+
+def test_one_extension_is_a_whole_curve(tmp_path):
+    """The steps on the way are in curve, series and zones, with a load asked for alike."""
+    run(MPI.COMM_SELF, tmp_path, case(finite=True, extension="3 mm", increments=4))
+    steps = table(tmp_path / "curve.csv")
+    assert steps["asked"].tolist() == [0, 0, 0, 1]
+    assert np.isfinite(steps["shear_middle_deg"]).all()
+    assert (np.diff(steps["energy_tension_J"]) > 0.0).all()
+    with h5py.File(tmp_path / "series.vtkhdf") as file:
+        assert file["VTKHDF/Steps"].attrs["NSteps"] == 5
+    made = case(finite=True, load=f"{steps['load_N'][-1]} N", increments=3)
+    result = made.experiment(Network(MPI.COMM_SELF, made.preform(), made.fabric())).solve()
+    curve = result.curve()
+    assert len(curve["load_N"]) == len(list(result.every_state())) >= 3
+    zones = result.curve(states=True)
+    assert len(zones["load_N"]) == 1
+    assert not EFFORT.keys() & zones.keys()
+    for name in ("load_N", "shear_middle_deg", "extension_mm"):
+        assert curve[name][-1] == zones[name][0] == pytest.approx(steps[name][-1], rel=1e-6)
+    drawn, _ = figures(result)
+    (lines, *_), options = drawn["zones.png"].args, drawn["zones.png"].keywords
+    assert len(lines["middle zone (median)"][0]) == 1 + len(curve["load_N"])
+    assert options["guides"] is not None
 
 
 def test_what_the_bar_tells(tmp_path, monkeypatch):
@@ -235,11 +275,12 @@ def test_what_was_reached_is_kept(tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert "at extension -" in summary["ended_early"]
     assert summary["extension_m"][0] == pytest.approx(-5e-3)
-    assert len(table(tmp_path / "curve.csv")["load_N"]) == len(summary["load_n"])
     assert (tmp_path / "network.vtkhdf").exists()
-    steps = table(tmp_path / "increments.csv")
+    steps = table(tmp_path / "curve.csv")
     assert steps["extension_mm"].min() < -10.0
     assert len(steps["load_N"]) == len(summary["increments"])
+    assert steps["asked"].sum() == 1
+    assert summary["load_n"] == [*steps["load_N"][steps["asked"] == 1], steps["load_N"][-1]]
 
 
 def test_also_if_no_value_asked_for_was_reached(tmp_path):
@@ -248,7 +289,10 @@ def test_also_if_no_value_asked_for_was_reached(tmp_path):
         run_case(MPI.COMM_SELF, made, tmp_path, LOG)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert "at extension -" in summary["ended_early"]
-    assert table(tmp_path / "increments.csv")["extension_mm"].min() < -10.0
+    steps = table(tmp_path / "curve.csv")
+    assert steps["extension_mm"].min() < -10.0
+    assert not steps["asked"].any()
+    assert summary["load_n"] == steps["load_N"][-1]
 
 
 # -- warnings --------------------------------------------------------------------------------------
@@ -278,7 +322,7 @@ def test_beyond_the_table():
     (sentence,) = warned(case(finite=True, extension="4 mm", fabric=fabric))
     assert "beyond the last point of the shear law's table at 10.0 deg" in sentence
     assert warned(case(finite=True, extension="0.5 mm", fabric=fabric)) == []
-    (sentence,) = warned(case(extension="0.5 mm", fabric=fabric))
+    (sentence,) = warned(case(extension="0.2 mm", fabric=fabric))
     assert "only the moduli at rest act, not the shear law and the softening" in sentence
 
 
@@ -288,10 +332,32 @@ def test_yarns_under_strains_that_they_do_not_stand():
     assert second.startswith("yarns are stretched by up to")
 
 
-def test_small_displacements_that_are_not_small():
-    (sentence,) = warned(case(extension="20 mm"))
-    assert re.match(r"the shear angle reaches [0-9.]+ deg; small displacements hold", sentence)
-    assert warned(case(extension="0.5 mm")) == []
+def test_small_displacements_that_are_not_small(tmp_path):
+    """Beyond some 5 degrees: in summary and log once, in Python as a warning."""
+    for made in (case(extension="2 mm"), case("picture-frame", angle="6 deg", **SQUARE)):
+        with pytest.warns(InputWarning, match="reaches .* hold to some 5 deg") as told:
+            (sentence,) = warned(made)
+        assert sum("hold to some" in str(one.message) for one in told) == 1
+        assert re.match(r"the shear angle reaches [0-9.]+ deg; small displacements", sentence)
+    with catch_warnings():
+        simplefilter("error")
+        simplefilter("ignore", InputWarning)  # H < 2 W
+        assert warned(case(extension="0.2 mm")) == []
+        simplefilter("error", InputWarning)
+        summary = run(MPI.COMM_SELF, tmp_path, made)  # the log tells it
+    assert len(summary["warnings"]) == 1
+
+
+def test_log_check_and_summary_say_which_deformation(tmp_path, caplog):
+    for finite, words in ((True, "finite deformation"), (False, "small displacements")):
+        made = case(extension="0.2 mm", finite=finite)
+        for tell in (lambda: check_case(MPI.COMM_SELF, made, LOG),  # noqa: B023
+                     lambda: run(MPI.COMM_SELF, tmp_path, made)):  # noqa: B023  # fmt: skip
+            caplog.clear()
+            with caplog.at_level(logging.INFO, LOG.name):
+                summary = tell()
+            assert f"bias-extension, {words}" in caplog.text
+        assert summary["finite"] is finite
 
 
 # -- the continuum ---------------------------------------------------------------------------------

@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, model_validator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
+from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..forming.kind import Forming
 from ..forming.table import FormingTable, StageTable, check_stages
@@ -114,6 +115,15 @@ class Case(Table):
     """Options of the solver."""
     output: OutputTable = OutputTable()
     """What is written, and where."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _ladder_asks_for_small(cls, data: Any) -> Any:
+        match data:
+            case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
+                if not others.get("second_gradient") and test.get("kind") != "forming":
+                    return data | {"test": small_unless_told(test)}
+        return data
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:

@@ -85,11 +85,6 @@ def shear(rotation_rows, quadrant_area, modulus: float) -> np.ndarray:
     return tension(rotation_rows, quadrant_area, modulus, modulus, -modulus)
 
 
-def quadrant_angles(rotation: np.ndarray) -> np.ndarray:
-    """Shear angle of each quadrant in radians from the arm rotations; (n, 4) -> (n, 4)."""
-    return rotation[:, QUADRANTS[:, 0]] - rotation[:, QUADRANTS[:, 1]]
-
-
 def bending(a, t, rigidity, length_scale: float) -> np.ndarray:
     """Stiffness of yarn bending on the 16 unknowns, (n, 16, 16) in N/m.
 

@@ -33,12 +33,15 @@ class Path:
         Largest step of the control, where steps were cut.
     load : float
         Reached, N; where loads are asked for.
+    begin : float
+        Control at which the stage began.
     """
 
     states: list[State]
     target: int = 0
     allowed: float | None = None
     load: float = 0.0
+    begin: float = 0.0
 
     @property
     def state(self) -> State:
@@ -84,7 +87,7 @@ def follow(
     EquilibriumError
         On every rank, with the reason and the place.
     """
-    path = start if isinstance(start, Path) else Path([start])
+    path = start if isinstance(start, Path) else Path([start], begin=start.time)
     done: list[Step] = []
     while path.target < len(stage.targets):
         aim = (_Load if stage.by_load else _Place)(equilibrium, stage, path)
@@ -107,8 +110,8 @@ def follow(
             last = found.state
             if not aim.accepts(found):
                 continue
+            # The step keeps what its equilibrium was found with; the next one begins with the rest.
             last = replace(last, memory=equilibrium.model.accepted(last))
-            solved[-1] = found = replace(found, state=last)
             path.append(last)
             if aim.reached:
                 path.target += 1
@@ -149,7 +152,7 @@ class _Place:
     def __init__(self, equilibrium: Equilibrium, stage: Stage, path: Path):
         self.equilibrium, self.stage, self.path = equilibrium, stage, path
         self.target = float(stage.targets[path.target])
-        before = stage.targets[path.target - 1] if path.target else path.state.time
+        before = stage.targets[path.target - 1] if path.target else path.begin
         self.most = abs(self.target - before) if stage.step is None else stage.step
         self.reached = False
 

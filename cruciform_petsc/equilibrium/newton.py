@@ -60,7 +60,7 @@ class Equilibrium:
     options : mapping, optional
         PETSc options under the prefix, which overrule the defaults; the command line overrules all.
     prefix : str
-    relative_residual : float
+    relative_residual : float, optional
         What is called none, over the forces that hold and load.
     longest_step : float
         No unknown changes by more in a Newton step, m.
@@ -75,12 +75,13 @@ class Equilibrium:
         start: State,
         options: Mapping[str, object] | None = None,
         prefix: str = PREFIX,
-        relative_residual: float = RELATIVE_RESIDUAL,
+        relative_residual: float | None = None,
         longest_step: float = np.inf,
         foretell: bool = True,
     ):
         self.model, self._start, self._prefix = model, start, prefix
-        self.relative_residual, self.longest_step = relative_residual, longest_step
+        self.relative_residual = relative_residual or RELATIVE_RESIDUAL
+        self.longest_step = longest_step
         self.foretell = foretell
         owned = model.dim * model.nodes.num_nodes_owned
         self._vector = PETSc.Vec().createMPI((owned, None), comm=model.comm)

@@ -101,6 +101,8 @@ class Increment:
         Whether it is one that was asked for, rather than a step on the way.
     cuts : int
         How often a step failed and was halved before this one.
+    columns : dict of float or None
+        What the test's curve tells of it, by column; None is for not a number.
     """
 
     control: float
@@ -116,11 +118,12 @@ class Increment:
     seconds: float = 0.0
     asked: bool = False
     cuts: int = 0
+    columns: dict[str, float | None] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted state of equilibrium, with what was measured on it; forces as in Measured."""
+    """One accepted state, as it was found, with what was measured on it; forces as in Measured."""
 
     state: State
     forces: Mapping[str, np.ndarray]

@@ -17,7 +17,7 @@ from ..small.separate import solve_separately
 from .experiment import PULL, Experiment, Grip
 from .net_kinematics import net_reach
 from .result import State, TestResult
-from .table import PullTable, TestTable
+from .table import PullTable, TestTable, small_unless_told
 
 
 class BiasExtensionTable(PullTable):
@@ -39,6 +39,11 @@ class BiasExtensionTable(PullTable):
     """What the upper edge is: a clamp, or the middle of a whole specimen."""
     model: Literal["coupled", "separate"] = "coupled"
     """One system, or the paper's three. Separate for small displacements only."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _asks_for_small(cls, data: Any) -> Any:
+        return small_unless_told(data) if data.get("model") == "separate" else data
 
     @model_validator(mode="after")
     def _small(self) -> BiasExtensionTable:

@@ -74,8 +74,7 @@ class Biaxial(Experiment):
     ratio: float
     column = declare("strain_warp_percent", "warp strain")
     clamps = ("lower", "upper", "left", "right")
-    forces = ("force_warp_N", "force_weft_N")  # the load does the work of both
-    load_name = "work-conjugate load"
+    forces = ("force_warp_N", "force_weft_N")
     captions: ClassVar = {"tension_against_strain.png": "Tension of the cloth against its strain."}
     colour = "tension"
 

@@ -88,7 +88,7 @@ class Cantilever(Experiment):
 
     def extensions(self, result: TestResult) -> np.ndarray:
         """Across the strip."""
-        return 1e-3 * result.curve()["tip_across_mm"]
+        return 1e-3 * result.curve(states=True)["tip_across_mm"]
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Where the loaded edge has gone."""

@@ -20,12 +20,12 @@ from ..memory import check_memory
 from ..net.edges import Constraints
 from ..net.network import Network
 from ..net.supports import find_supports
-from ..quantities import EXTENSION, Quantity
+from ..quantities import EXTENSION, LOAD, Quantity, quantity
 from ..small.network import MODES, LinearNetwork
 from ..solvers.linear import LinearSolver, SolverInfo
 from ..units import format_si
 from .finite import Keeper, solve_finite
-from .limits import remarks
+from .limits import SMALL_DEG, beyond_small, remarks
 from .result import State, TestResult
 from .table import TestTable
 
@@ -57,11 +57,11 @@ class Experiment:
     options : dict, optional
         PETSc options for the solver, without the prefix.
     **keys
-        Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (finite
-        deformation; else small displacements), ``bending`` (whether yarns resist it in the plane),
-        ``space`` (the cloth may leave the plane, but on clamps and guides) and ``imperfection``,
-        ``increments`` (finite deformation: at least so many steps to the largest value), the
-        controls by name, and the kind's own, which become attributes.
+        Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (False: small
+        displacements; by default only where something asks for them), ``bending`` (whether yarns
+        resist it in the plane), ``space`` (the cloth may leave the plane, but on clamps and guides)
+        and ``imperfection``, ``increments`` (finite deformation: at least so many steps to the
+        largest value), the controls by name, and the kind's own, which become attributes.
 
     Attributes
     ----------
@@ -78,10 +78,10 @@ class Experiment:
     model = "coupled"  # all modes of deformation in one system
     # The curve's column of the control; further columns are declared in each kind's file.
     column: Quantity = EXTENSION
-    # What is told of a state beside shear: columns of the curve that are forces, what the load is
-    # called in the curve, and what the loaded end's movement is called.
-    forces: tuple[str, ...] = ("load_N",)
-    load_name, movement = "load", "extension"
+    # What is told of a state beside shear: columns of the curve that are forces, and what the
+    # loaded end's movement is called.
+    forces: tuple[str, ...] = (LOAD.column,)
+    movement = "extension"
     # What the yarns' picture is coloured by; whether the outline cuts across the yarns.
     colour, cut_across = "shear angle", False
     # Whether yarns that clamps hold, and those that they do not, make zones of their own.
@@ -209,8 +209,11 @@ class Experiment:
     ) -> TestResult:
         """Solve and measure. Collective.
 
+        Small displacements beyond limits.SMALL_DEG of shear are a InputWarning on rank 0.
+
         At finite deformation ``accepted`` is called with each accepted Increment, and ``keeper`` is
-        a checkpoint, kept up to date at each; from one opened from files the test goes on.
+        a checkpoint, kept up to date at each; from one opened from files the test goes on. Without
+        it the result holds positions after each increment in memory, 16 bytes a node in the plane.
 
         Raises
         ------
@@ -218,7 +221,13 @@ class Experiment:
             On every rank. At finite deformation an EquilibriumError, whose ``result`` holds what
             was reached (or None).
         """
-        return solve_finite(self, accepted, keeper) if self.finite else self._solve_small()
+        if self.finite:
+            return solve_finite(self, accepted, keeper)
+        result = self._solve_small()
+        largest = float(result.shear_angles_max.max())
+        if largest > np.deg2rad(SMALL_DEG) and self.network.comm.rank == 0:
+            warnings.warn(beyond_small(largest, "finite=True"), InputWarning, stacklevel=2)
+        return result
 
     def motions(self, grips: list[Grip], control: float) -> list:
         """Motions of the gripped edges: (network nodes, gradient, shift), see Ply.prescribed."""
@@ -296,8 +305,11 @@ class Experiment:
         reached = "at rest"
         if done:
             name = self.column.column.rpartition("_")[0]
-            control, load = format_si(done[-1].control, self.unit), format_si(done[-1].load, "N")
-            reached = f"at {name} {control}, load {load}"
+            told = [f"{name} {format_si(done[-1].control, self.unit)}"]
+            for column in self.forces:
+                force = format_si(done[-1].columns[column] or 0.0, "N")
+                told.append(f"{quantity(column).short} {force}")
+            reached = f"at {', '.join(told)}"
         where = hint = ""
         if error.place is not None:
             x, y = (format_si(float(value), "m") for value in error.place[:2])

@@ -39,8 +39,17 @@ class Keeper(Protocol):
         ``state_at`` makes a state of a control and positions.
         """
 
-    def write(self, nodes: Nodes, path: Path, increments: list[Increment]) -> None:
-        """Keep what has been reached."""
+    def write(self, nodes: Nodes, path: Path, increments: list[Increment], state: State) -> None:
+        """Keep what has been reached; ``state``: the last one as it was found."""
+
+    def state(
+        self,
+        nodes: Nodes,
+        number: int,
+        control: float,
+        state_at: Callable[[float, np.ndarray], State],
+    ) -> State:
+        """The state after an increment, by its number; ``state_at`` as above."""
 
 
 class FiniteTest:
@@ -135,22 +144,22 @@ class FiniteTest:
             self.measure,
         )
 
-    def result_state(self, step: Step) -> result.State:
-        """What a result keeps of a step."""
-        ply, state = self.ply, step.state
+    def result_state(self, state: State, measured: Measured) -> result.State:
+        """What a result keeps of a state."""
+        ply = self.ply
         return result.State(
             state.time,
-            step.increment.load,
+            measured.load,
             lambda: ply.fields(state),
             lambda: ply.displacement(state)[1],
-            dict(step.forces),
+            dict(measured.forces),
         )
 
-    def measured_anew(self, state: State) -> Step:
-        """A step of an earlier run from its state. Collective."""
+    def measured_anew(self, state: State) -> result.State:
+        """The same of a state that was found before. Collective."""
         force, _, energies = self.model.force(state)
         found = Found(state, energies, force, 0, 0.0, 0.0, [], 0, 0, 0.0)  # not solved again
-        return Step.of([found], self.measure(found), True, 0)
+        return self.result_state(state, self.measure(found))
 
 
 def solve_finite(
@@ -163,38 +172,58 @@ def solve_finite(
     start = test.at(0.0)
     equilibrium = Equilibrium(test.model, start, experiment.options)
     types = equilibrium.types()
-    path, done = Path([start]), []
+    path = Path([start], begin=start.time)
+    done: list[Increment] = []
+    kept: list[State] = []  # after each increment, where nothing keeps them on disk
     states: list[result.State] = []  # asked for
     last: list[result.State] = []  # whether asked for or not
+    dim, nodes = test.model.dim, test.ply.nodes
+
+    def state_after(number: int) -> result.State:
+        state = (
+            kept[number]
+            if keeper is None
+            else keeper.state(nodes, number, done[number].control, test.at)
+        )
+        return test.measured_anew(state)
+
+    found = result.TestResult(
+        experiment,
+        test.ply.supports,
+        dim,
+        states,
+        increments=done,
+        state_after=state_after,
+        unknowns=dim * nodes.num_nodes_global,
+        solver_types=types,
+    )
 
     def take(step: Step, path: Path) -> None:
         loads = {mode for item in test.model.items if item.is_load for mode in item.modes}
         energies = step.increment.energies
         energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
-        increment = replace(step.increment, energies=energies)
+        state = test.result_state(step.state, Measured(step.increment.load, step.forces))
+        increment = replace(step.increment, energies=energies, columns=found.row(state))
         done.append(increment)
-        last[:] = [test.result_state(step)]
+        last[:] = [state]
         if increment.asked:
-            states.append(last[0])
-        if keeper is not None:
-            keeper.write(test.ply.nodes, path, done)
+            states.append(state)
+        if keeper is None:
+            kept.append(step.state)
+        else:
+            keeper.write(nodes, path, done, step.state)
         if accepted is not None:
             accepted(increment)
 
-    def found() -> result.TestResult:
-        dim, ply = test.model.dim, test.ply
-        made = {"unknowns": dim * ply.nodes.num_nodes_global, "solver_types": types}
-        return result.TestResult(experiment, ply.supports, dim, states, increments=done, **made)
-
     try:
         if keeper is not None:
-            kept = keeper.restore(test.ply.nodes, test.at)
-            if kept is None:
-                keeper.write(test.ply.nodes, path, done)
+            earlier = keeper.restore(nodes, test.at)
+            if earlier is None:
+                keeper.write(nodes, path, done, start)
             else:
-                path, asked = kept
+                path, asked = earlier
                 done += keeper.increments
-                states += [test.result_state(test.measured_anew(state)) for state in asked]
+                states += map(test.measured_anew, asked)
         follow(equilibrium, test.stage(), path, take)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
@@ -203,7 +232,7 @@ def solve_finite(
             experiment.explain(error, done)
             if last and (not states or states[-1] is not last[0]):
                 states.append(last[0])  # how far it came
-            error.result = found() if states else None
+            error.result = found if states else None
         raise
     equilibrium.destroy()
-    return found()
+    return found

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .result import TestResult
     from .table import TestTable
 
-SMALL_DEG = 10.0  # shear angle to which small displacements hold, as a rule
+SMALL_DEG = 5.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 SLENDER = 50.0  # length over width, or the reverse
 
@@ -115,8 +115,16 @@ def warnings(result: TestResult) -> list[str]:
     return sentences + unused_options(experiment.network.comm, experiment.options)
 
 
+def beyond_small(angle: float, cure: str) -> str:
+    """What there is to say of small displacements with a shear angle (rad) beyond SMALL_DEG."""
+    return (
+        f"the shear angle reaches {np.rad2deg(angle):.1f} deg; small displacements hold to some "
+        f"{SMALL_DEG:g} deg ({cure})"
+    )
+
+
 def _small(result: TestResult, largest: float) -> list[str]:
-    fabric, degrees, sentences = result.network.fabric, np.rad2deg(largest), []
+    fabric, sentences = result.network.fabric, []
     experiment, size = result.experiment, float(result.network.preform.size.max())
     moved = float(np.abs(experiment.extensions(result)).max())
     if moved > size and experiment.test.controls[experiment.test.control] == "N":
@@ -124,11 +132,8 @@ def _small(result: TestResult, largest: float) -> list[str]:
             f"the {experiment.movement} reaches {si_text(moved, 'm')}, more than the specimen's "
             f"size of {si_text(size, 'm')}: which unit of the load is meant?"
         )
-    if degrees > SMALL_DEG:
-        sentences.append(
-            f"the shear angle reaches {degrees:.1f} deg; small displacements hold to some "
-            f"{SMALL_DEG:g} deg (set test.finite = true)"
-        )
+    if largest > np.deg2rad(SMALL_DEG):
+        sentences.append(beyond_small(largest, "set test.finite = true"))
     laws = {
         "shear law": fabric.shear_law,
         "warp's law of tension": fabric.warp_law,

@@ -91,7 +91,7 @@ class PictureFrame(Experiment):
         )
         result = small.solve()
         states = [result.states[0].scaled(angle / SMALL) for angle in self.values]
-        return replace(result, experiment=self, states=states, increments=[])
+        return replace(result, experiment=self, states=states, increments=[], state_after=None)
 
     def diagonal(self, control: Any) -> Any:
         """Length of the frame's longer diagonal, between the pulled corners, m; as `control`."""
@@ -105,7 +105,7 @@ class PictureFrame(Experiment):
 
     def extensions(self, result: TestResult) -> np.ndarray:
         """Of the cross-head."""
-        return 1e-3 * result.curve()["crosshead_mm"]
+        return 1e-3 * result.curve(states=True)["crosshead_mm"]
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Cross-head displacement, and the shear force per length of the usual evaluation."""

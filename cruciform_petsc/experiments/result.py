@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,6 +14,7 @@ import shapely
 
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
+from ..quantities import LOAD
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -21,14 +24,24 @@ if TYPE_CHECKING:
 
 Fields = dict[str, np.ndarray]
 ZONES = ("middle", "side", "clamp")
+SHARE = 0.99  # of the cloth's area, with values up to the quantiles that stand beside extremes
+# Columns of a curve that tell of an increment how it was found, and its attributes.
+EFFORT = {
+    "asked": "asked",
+    "newton_iterations": "iterations",
+    "residual_N": "residual",
+    "tolerance_N": "tolerance",
+    "cuts": "cuts",
+    "seconds": "seconds",
+}
 
 
 class State:
     """A deformed state of a network, in SI.
 
-    ``fields`` (see LinearNetwork.crossover_fields) and ``node_displacement`` (n_local network
-    nodes, dim) in x, y (and z) may be callables that give them; ``forces`` (x, y) hold the gripped
-    edges.
+    ``load`` is that of the test, of a biaxial one what does the work of both its forces. ``fields``
+    (see LinearNetwork.crossover_fields) and ``node_displacement`` (n_local network nodes, dim) in
+    x, y (and z) may be callables that give them; ``forces`` (x, y) hold the gripped edges.
     """
 
     def __init__(self, control, load, fields, node_displacement, forces=None):
@@ -87,6 +100,8 @@ class TestResult:
     """Of small displacements."""
     increments: list[Increment] = field(default_factory=list)
     """Of finite deformation: all that were accepted."""
+    state_after: Callable[[int], State] | None = None
+    """Of finite deformation: makes the state after an increment, by its number. Collective."""
     unknowns: int = 0
     solver_types: dict[str, str] = field(default_factory=dict)
     """Of finite deformation: PETSc's types by "snes", "ksp" and "pc"."""
@@ -96,7 +111,8 @@ class TestResult:
     def __repr__(self) -> str:
         test, column = self.experiment, self.experiment.column
         control = f"{column.column} {self.extension / column.scale:.4g}"
-        return f"TestResult({test.kind}, {control}, {self.load:.4g} N, {self.network!r})"
+        force = ", ".join(f"{values[-1]:.4g} N" for values in self.forces.values())
+        return f"TestResult({test.kind}, {control}, {force}, {self.network!r})"
 
     @property
     def network(self) -> Network:
@@ -114,8 +130,18 @@ class TestResult:
         return self.controls
 
     @property
+    def forces(self) -> dict[str, np.ndarray]:
+        """Forces of each state by the curve's columns, N; float (n,). Collective at first."""
+        curve = self.curve(states=True)
+        return {column: curve[column] for column in self.experiment.forces}
+
+    @property
     def loads(self) -> np.ndarray:
-        """Load of each state, N; float (n,)."""
+        """Load of each state, N; float (n,). AttributeError of tests with several `forces`."""
+        test = self.experiment
+        if LOAD.column not in test.forces:
+            names = " and ".join(test.forces)
+            raise AttributeError(f"a {test.kind} test has no load, its forces are {names}")
         return np.array([state.load for state in self.states])
 
     @property
@@ -125,8 +151,8 @@ class TestResult:
 
     @property
     def load(self) -> float:
-        """Last load, N."""
-        return self.states[-1].load
+        """Last load, N; see loads."""
+        return float(self.loads[-1])
 
     @property
     def fields(self) -> Fields:
@@ -137,6 +163,22 @@ class TestResult:
     def node_displacement(self) -> np.ndarray:
         """See State."""
         return self.states[-1].node_displacement
+
+    def every_state(self) -> Iterator[State]:
+        """States after all increments, one at a time; else those asked for. Collective."""
+        if self.state_after is None:
+            yield from self.states
+            return
+        known = dict(zip(self._numbers, self.states, strict=True))
+        for number in range(len(self.increments)):
+            yield known.get(number) or self.state_after(number)
+
+    @property
+    def _numbers(self) -> list[int]:
+        """Numbers of the increments that led to the states."""
+        asked = [number for number, step in enumerate(self.increments) if step.asked]
+        ended_early = len(asked) < len(self.states)
+        return asked + ended_early * [len(self.increments) - 1]
 
     def energies(self) -> dict[str, np.ndarray]:
         """Strain energy of each mode for each state, J. Collective."""
@@ -167,11 +209,21 @@ class TestResult:
         ]
         return np.max(self.network.comm.allgather(own), axis=0)
 
+    @cached_property
+    def area_weight(self) -> np.ndarray:
+        """Area around each of this rank's crossovers that carry load, for `quantile`; int64 (n,).
+
+        In millionths of a cell of the lattice.
+        """
+        area = self.network.quadrant_area.sum(axis=1) / self.network.pitch.prod()
+        return np.rint(1e6 * np.where(self.supports.carrying, area, 0.0)).astype(np.int64)
+
     @property
     def shear_angle_centre(self) -> float:
         """Shear angle in the middle of the specimen, radians. Collective.
 
-        The mean of the crossovers nearest to the middle (of the upper edge for a half specimen).
+        The mean of the crossovers nearest to the middle (of the upper edge for a half specimen);
+        NaN where there is no cloth.
         """
         return float(self.shear_angles_centre[-1])
 
@@ -181,10 +233,14 @@ class TestResult:
         middle = self.network.preform.middle
         if self.experiment.upper == "centre-line":
             middle[1] += 0.5 * self.network.preform.size[1]
-        distance = np.hypot(*(self.network.crossover_position - middle).T)
+        network, comm = self.network, self.network.comm
+        distance = np.hypot(*(network.crossover_position - middle).T)
         distance = np.where(self.supports.carrying, distance, np.inf)
-        comm = self.network.comm
-        near = distance <= least(comm, distance) + 1e-3 * self.network.pitch.min()
+        nearest, rounding = least(comm, distance), 1e-3 * network.pitch.min()
+        hole = network.preform.outline.distance(shapely.Point(middle)) > rounding
+        if hole or nearest > np.hypot(*network.pitch):
+            return np.full(len(self.states), np.nan)
+        near = distance <= nearest + rounding
         sums = [state.fields["shear_angle"][near].sum() for state in self.states]
         total = comm.allreduce(np.array([*sums, near.sum()], float))
         return total[:-1] / total[-1]
@@ -219,23 +275,49 @@ class TestResult:
         """
         comm, angles = self.network.comm, [state.fields["shear_angle"] for state in self.states]
         return {
-            name: np.array([quantile(comm, angle[self.zones == number]) for angle in angles])
+            name: np.array([quantile(comm, angle[self.zones == number], 0.5) for angle in angles])
             for number, name in enumerate(ZONES)
         }
 
     # -- curves -----------------------------------------------------------------------------------
 
-    def curve(self) -> dict[str, np.ndarray]:
-        """Columns of the test's curve, units in their names. Collective when first asked for."""
-        return dict(self._curve)
+    def curve(self, states: bool = False) -> dict[str, np.ndarray]:
+        """Columns of the test's curve, units in their names. Collective when first asked for.
+
+        Rows are all accepted increments, ``asked`` is 1 where a value was asked for, and further
+        columns tell how equilibrium was found (EFFORT); with ``states`` rows are the result's
+        states, without these columns. At small displacements these are the same rows.
+        """
+        if not self.increments:
+            return self._measured | ({} if states else {"asked": np.ones(len(self.states), int)})
+        curve = curve_of(self.increments)
+        if not states:
+            return curve
+        return {name: curve[name][self._numbers] for name in curve if name not in EFFORT}
+
+    def row(self, state: State) -> dict[str, float | None]:
+        """What a curve tells of a state; None is for not a number. Collective."""
+        alone = copy(self)
+        for name in ("area_weight", "zones") if self.experiment.has_zones else ("area_weight",):
+            alone.__dict__[name] = getattr(self, name)  # found once
+        alone.states = [state]
+        values = {name: float(value[0]) for name, value in alone._measure().items()}
+        return {name: value if np.isfinite(value) else None for name, value in values.items()}
 
     @cached_property
-    def _curve(self) -> dict[str, np.ndarray]:
+    def _measured(self) -> dict[str, np.ndarray]:
+        return self._measure()
+
+    def _measure(self) -> dict[str, np.ndarray]:
         control = self.experiment.column
         columns = {control.column: self.controls / control.scale}
-        columns.setdefault("load_N", self.loads)
+        if LOAD.column in self.experiment.forces:
+            columns[LOAD.column] = self.loads
         columns["shear_centre_deg"] = np.rad2deg(self.shear_angles_centre)
         columns["shear_max_deg"] = np.rad2deg(self.shear_angles_max)
+        sizes = (abs(state.fields["shear_angle"]) for state in self.states)
+        quantiles = [quantile(self.network.comm, a, SHARE, self.area_weight) for a in sizes]
+        columns["shear_99_deg"] = np.rad2deg(quantiles)
         if self.experiment.has_zones:
             for zone, angle in self.zone_angles().items():
                 columns[f"shear_{zone}_deg"] = np.rad2deg(angle)
@@ -261,3 +343,13 @@ class TestResult:
         _, first, inverse = np.unique(height, return_index=True, return_inverse=True)
         count = np.bincount(inverse)
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
+
+
+def curve_of(increments: Sequence[Increment]) -> dict[str, np.ndarray]:
+    """Columns of a curve with a row for each increment."""
+    columns = {
+        name: np.array([step.columns[name] for step in increments], float)
+        for name in (increments[0].columns if increments else {})
+    }
+    effort = {name: [getattr(step, key) for step in increments] for name, key in EFFORT.items()}
+    return columns | {name: 1 * np.array(values) for name, values in effort.items()}

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -74,8 +74,9 @@ class TestTable(KindTable):
     __test__: ClassVar[bool] = False  # not a test for pytest
     # SI unit of each.
     controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}
-    finite: bool = False
-    """Large displacements, rotations and shear angles."""
+    finite: bool = True
+    """Large displacements, rotations and shear angles; false: small displacements. True, unless
+    something asks for small displacements: model = "separate" or continuum.ladder."""
     space: bool = False
     """The cloth may leave its plane and buckle, with finite = true."""
     imperfection: ImperfectionTable | None = None
@@ -145,3 +146,8 @@ class PullTable(TestTable):
     """By which the upper edge is pulled, one value or a list. Either this or load."""
     load: Forces | None = None
     """Force on the upper edge, one value or a list. Either this or extension."""
+
+
+def small_unless_told(test: dict[str, Any]) -> dict[str, Any]:
+    """[test] of a case where something else asks for small displacements."""
+    return {"finite": False} | test

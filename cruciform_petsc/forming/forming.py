@@ -107,10 +107,11 @@ def form(
 
     def take(step: Step, path: Path) -> None:
         nonlocal work
-        place = step.state.x[blank.tool_node]
+        state = path.state  # with anchors where they are now
+        place = state.x[blank.tool_node]
         # What drives a tool holds it against the cloth, or is the force that pushes it.
         held = np.array([step.forces[name] for name in names]).reshape(-1, 3)
-        pushed = press.push(step.state.time)
+        pushed = press.push(state.time)
         driving = np.where(press.free, pushed, held)
         if last:
             before, force = last.pop()
@@ -121,16 +122,16 @@ def form(
             step.increment,
             dict(zip(names, np.where(press.free, pushed, held), strict=True)),
             dict(zip(names, place, strict=True)),
-            blank.spent(step.state),
+            blank.spent(state),
             work,
         )
         formed.steps.append(done)
         if formed.states and not asked[-1]:
             formed.states.pop()
-        formed.states.append(step.state)
+        formed.states.append(state)
         asked.append(step.increment.asked)
         if accepted is not None:
-            accepted(done, step.state)
+            accepted(done, state)
 
     asked = [True]
     last.append((state.x[blank.tool_node], np.zeros((len(names), 3))))

@@ -40,11 +40,14 @@ class Cruciforms(Item):
         boundary = network.boundary_crossovers
         strain = np.tile(np.arange(4), (network.num_crossovers_owned, 1))
         turn, area = strain.copy(), network.quadrant_area.copy()
+        share = np.full(strain.shape, 0.5)
         strain[boundary] = supports.strain_source
         turn[boundary] = supports.rotation_source
         area[boundary] = supports.quadrant_area
+        share[boundary] = supports.hinge_share
         self.strain_source, self.turn_source = strain[rows], turn[rows]
         self.area, self.arm_length = area[rows], network.arm_length[rows]
+        self._along = share[rows] * [1.0, 1.0, -1.0, -1.0]  # arms, as their yarns run
         ends = ply.nodes.of_network_node[network.arm_node[rows]]
         self.nodes = np.column_stack([ends, ply.nodes.of_hinge[rows]]).astype(np.int32)
         # Elements with a held arm, and by which clamped node's motion each arm would turn: a tail
@@ -174,8 +177,15 @@ class Cruciforms(Item):
         return SIGN * np.arctan2(cosine, sine)
 
     def shear_angles(self, t: np.ndarray) -> np.ndarray:
-        """Mean shear angle (m,) of each cruciform from its arms' directions, radians."""
-        return np.einsum("mq,mq->m", self._shares(), self.quadrant_angles(t))
+        """Shear angle (m,) of the yarns at the hinges from the arms' directions, radians.
+
+        90 degrees less the angle between warp and weft, see Supports.hinge_share.
+        """
+        along = self._along[..., None] * t
+        warp, weft = along[:, 0] + along[:, 2], along[:, 1] + along[:, 3]
+        product, square = (warp * weft).sum(axis=1), (warp**2).sum(axis=1)
+        across = np.linalg.norm(square[:, None] * weft - product[:, None] * warp, axis=1)
+        return np.arctan2(product, across / np.sqrt(np.maximum(square, 1e-300)))
 
 
 def cloth(fabric) -> Cloth:

@@ -30,6 +30,8 @@ class Supports:
     quadrant_area: np.ndarray
     # bool (n_boundary, 4), tails that follow their yarn: no unknown moves them across it.
     slaved: np.ndarray
+    # float (n_boundary, 4), share of each arm in the direction of its yarn at the hinge.
+    hinge_share: np.ndarray
     active: np.ndarray  # bool (n_local, d), unknowns that exist
 
     @property
@@ -74,8 +76,8 @@ def find_supports(constraints: Constraints) -> Supports:
     nothing = missing & missing[:, OPPOSITE] & ~held
     source = np.where(missing, np.where(held | nothing, HELD, OPPOSITE), np.arange(4))
     slaved = np.zeros_like(missing)
+    tail = ~missing & ~joined[boundary]
     if not bending:
-        tail = ~missing & ~joined[boundary]
         # Of two tails of one yarn the first keeps its own rotation, or the yarn would have none.
         follows = tail & ~(tail[:, OPPOSITE] & (np.arange(4) < OPPOSITE))
         slaved = follows & ~(missing & ~held)[:, OPPOSITE]
@@ -84,6 +86,13 @@ def find_supports(constraints: Constraints) -> Supports:
     rotation_source = np.where(slaved, of_other, source)
     area = network.quadrant_area[boundary]
     area = np.where(nothing[:, QUADRANTS].any(axis=2), 0.0, area)
+    # At the hinge a yarn runs as its arms do, but for tails, which give way to shear: of a yarn
+    # that has nothing but tails, as they do.
+    beside = np.array([[q for q in range(4) if k in QUADRANTS[q]] for k in range(4)])
+    carries = (area > 0.0)[:, beside].any(axis=2)
+    leads = carries & ~tail
+    leads |= carries & ~(leads | leads[:, OPPOSITE])
+    hinge_share = leads / np.maximum(1.0 * leads + leads[:, OPPOSITE], 1.0)
 
     active = np.zeros((network.num_nodes_local, 3 if bending else 2), bool)
     active[network.arm_node[carrying].ravel()] = True
@@ -92,7 +101,7 @@ def find_supports(constraints: Constraints) -> Supports:
     rows, arms = np.nonzero(slaved & carrying[boundary][:, None])
     active[nodes[rows, arms], (arms + 1) % 2] = False
     network.halo.share(active, np.logical_or)
-    return Supports(round_, source, rotation_source, area, slaved, active)
+    return Supports(round_, source, rotation_source, area, slaved, hinge_share, active)
 
 
 def pass_on_loads(

@@ -4,11 +4,12 @@
 In the folder ``checkpoint`` of the results lie the folders
 
 - ``newest`` and ``previous``: after each of the last two accepted increments, what it takes to go
-  on: the case, the histories of all increments, and positions of the last three states;
-- ``state-N``: positions of the N-th state that was asked for, which the results need.
+  on: the case, the histories of all increments, positions of the last three states, and what
+  items remember;
+- ``state-N``: the state after the N-th increment, which the results need.
 
 In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and
-positions, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
+values, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
 gets its name when all this is on the disk and has been read back. A key is a place on a yarn
 (`net.lattice`), whatever the ranks are: those that go on read equal shares of the records, and send
 them to the ranks that own these places now. No rank ever holds all.
@@ -26,7 +27,7 @@ import shlex
 import stat
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
 HEADER = 2**12  # bytes that NumPy puts before an array, at most
-FORMAT = 2  # 1: files, of version 0.1.0
+FORMAT = 3  # 1: files, of version 0.1.0; 2: of 0.2.0, states asked for only
 PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
 ANEW = f"begin anew with {typed_before()}cruciform-petsc run"
 
@@ -78,6 +79,7 @@ def _senseless(folder: Path) -> DamagedError:
 MOST = 1e30  # of what is no whole number
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 Rows = Annotated[int, Field(ge=0, lt=2**31)]  # a rank counts its nodes in 32 bits
+Name = Annotated[str, Field(pattern=r"^[\w .-]{1,60}$")]
 Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -91,6 +93,7 @@ class _Path(_Table):
     target: Count
     allowed: float | None
     load: Annotated[float, Field(gt=-MOST, lt=MOST)]
+    begin: float
 
 
 class _Run(_Table):
@@ -101,7 +104,7 @@ class _Run(_Table):
     increments: list[Increment]
     controls: Annotated[list[float], Field(min_length=1, max_length=3)]  # of the positions
     path: _Path
-    states: list[Hash]  # of the manifests of states asked for
+    states: list[Hash]  # of the manifests of the states after each increment
 
     def is_way_through(self, case: Case) -> bool:
         """Whether increments lead through the values asked for to where the path is."""
@@ -125,7 +128,10 @@ class _Run(_Table):
         return (
             len(modes) <= 1
             and all(re.fullmatch(r"[a-z_]{1,40}", mode) for names in modes for mode in names)
-            and self.path.target == asked == len(self.states)
+            and self.path.target == asked
+            and self.path.begin == 0.0
+            and len(self.states) == len(self.increments)
+            and len({tuple(increment.columns) for increment in self.increments}) < 2
             and self.controls[-1] == before
             and (by_load or {0.0, *controls}.issuperset(self.controls))
             and len(set(self.controls)) == len(self.controls)
@@ -149,10 +155,40 @@ class _Head(BaseModel):
     format: Count
 
 
+class _Array(_Table):
+    """What an item remembers of a node."""
+
+    type: Annotated[str, Field(pattern=r"^(\|b1|<[iuf][48])$")]
+    shape: Annotated[list[Annotated[int, Field(ge=1, le=64)]], Field(max_length=2)]
+
+
 class _Arrays(_Table):
-    """Shapes of what there is of a node."""
+    """What there is of a node: shape of its positions, and memory of the last of them."""
 
     positions: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(max_length=2)]
+    memory: Annotated[dict[Name, Annotated[dict[Name, _Array], Field(max_length=16)]],
+                      Field(max_length=64)]  # fmt: skip
+
+    @classmethod
+    def of(cls, states: Sequence[State]) -> _Arrays:
+        """Of states that are to be written."""
+        memory = {
+            item: {
+                name: _Array(type=array.dtype.str, shape=list(array.shape[1:]))
+                for name, array in arrays.items()
+            }
+            for item, arrays in states[-1].memory.items()
+            if arrays
+        }
+        return cls(positions=[len(states), states[-1].x.shape[1]], memory=memory)
+
+    def record(self) -> np.dtype:
+        """What a file holds of one node."""
+        fields: list[tuple] = [("key", "<i8"), ("positions", "<f8", tuple(self.positions))]
+        for item, arrays in self.memory.items():
+            for name, array in arrays.items():
+                fields.append((f"{item}/{name}", array.type, tuple(array.shape)))
+        return np.dtype(fields)
 
 
 class _Manifest(_Table, _Head):
@@ -161,12 +197,7 @@ class _Manifest(_Table, _Head):
     arrays: _Arrays
     rows: Annotated[list[Rows], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
-    run: _Run | None  # not of a state asked for
-
-
-def _record(positions: Sequence[int]) -> np.dtype:
-    """What a file holds of one node."""
-    return np.dtype([("key", "<i8"), ("positions", "<f8", tuple(positions))])
+    run: _Run | None  # not of a state after an increment
 
 
 def _sealed(text: bytes) -> bytes:
@@ -226,7 +257,7 @@ class _Part:
         def check() -> None:
             for rank in range(comm.rank, len(part.manifest.hashes), comm.size):
                 path = folder / f"rank-{rank}.npy"
-                size = part.manifest.rows[rank] * _record(part.manifest.arrays.positions).itemsize
+                size = part.manifest.rows[rank] * part.manifest.arrays.record().itemsize
                 with explaining(f'"{path}" cannot be read', DamagedError), open_regular(path) as f:
                     if (
                         os.fstat(f.fileno()).st_size > size + HEADER
@@ -244,7 +275,7 @@ class _Part:
 
     @property
     def run(self) -> _Run:
-        """What it takes to go on; a DamagedError if it is a state asked for."""
+        """What it takes to go on; a DamagedError if it is but a state."""
         if self.manifest.run is None:
             raise _senseless(self.folder)
         return self.manifest.run
@@ -255,7 +286,7 @@ class _Part:
         rows = (self.manifest.rows[rank],)
         with suppress(Exception):  # numpy's reader of headers has many for what it does not expect
             records = np.lib.format.open_memmap(path, mode="r")
-            if records.dtype == _record(self.manifest.arrays.positions) and records.shape == rows:
+            if records.dtype == self.manifest.arrays.record() and records.shape == rows:
                 return records
         raise DamagedError(f'"{path}" is damaged: it does not hold what its manifest says')
 
@@ -267,33 +298,51 @@ class _Part:
             for rank, (begin, end) in enumerate(pairwise(ends))
             if begin < stop and first < end
         ]
-        return np.concatenate([np.empty(0, _record(self.manifest.arrays.positions)), *share])
+        return np.concatenate([np.empty(0, self.manifest.arrays.record()), *share])
 
-    def positions(self, nodes: Nodes, count: int) -> list[np.ndarray]:
-        """``count`` positions (n_local, dim); InputError if they are of other nodes. Collective."""
-        comm, dim = self.comm, nodes.rest.shape[1]
-        n = nodes.num_nodes_global
-        if sum(self.manifest.rows) != n or self.manifest.arrays.positions != [count, dim]:
+    def states(
+        self,
+        nodes: Nodes,
+        controls: Sequence[float],
+        state_at: Callable[[float, np.ndarray], State],
+    ) -> list[State]:
+        """States at some controls; InputError if they are of other nodes. Collective."""
+        comm, dim, count = self.comm, nodes.rest.shape[1], len(controls)
+        n, arrays = nodes.num_nodes_global, self.manifest.arrays
+        if sum(self.manifest.rows) != n or arrays.positions != [count, dim]:
             raise InputError(f'"{self.folder}" is of another network; {ANEW}')
         share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
         records = on_all(comm, lambda: self._records(*share))
         own = nodes.node_key[: nodes.num_nodes_owned]
-        # Keys meet on ranks that follow from nothing but the key.
-        key, x = send_by_rank(
-            comm, _meeting(records["key"], comm.size), records["key"], records["positions"]
-        )
+        # Keys meet on ranks that follow from nothing but the key; records travel as bytes.
+        data = records.view(np.uint8).reshape(len(records), records.itemsize)
+        key, data = send_by_rank(comm, _meeting(records["key"], comm.size), records["key"], data)
         order = np.argsort(key)
 
         def answer(wanted: np.ndarray) -> np.ndarray:
             row = find_sorted(key[order], wanted)
-            return np.where(row[:, None, None] < 0, np.nan, x[order][row])
+            found = data[order][row] if len(key) else np.empty((len(row), data.shape[1]), np.uint8)
+            found[row < 0] = 255  # a key of -1
+            return found
 
-        found = ask(comm, _meeting(own, comm.size), own, answer)
-        if not all(comm.allgather(bool((np.abs(found) < MOST).all()))):
+        found = ask(comm, _meeting(own, comm.size), own, answer).view(records.dtype)[:, 0]
+        good = (found["key"] == own).all() and (np.abs(found["positions"]) < MOST).all()
+        if not all(comm.allgather(bool(good))):
             raise InputError(f'"{self.folder}" is of another network, or holds no numbers; {ANEW}')
-        local = np.zeros((count, nodes.num_nodes_local, dim))
-        local[:, : len(own)] = found.swapaxes(0, 1)
-        return [nodes.halo.forward(x) for x in local]
+
+        def local(owned: np.ndarray) -> np.ndarray:
+            values = np.zeros((nodes.num_nodes_local, *owned.shape[1:]), owned.dtype)
+            values[: len(own)] = owned
+            return nodes.halo.forward(values)
+
+        memory = {
+            item: {name: local(found[f"{item}/{name}"]) for name in of_item}
+            for item, of_item in arrays.memory.items()
+        }
+        states = [
+            state_at(control, local(found["positions"][:, k])) for k, control in enumerate(controls)
+        ]
+        return [*states[:-1], replace(states[-1], memory=memory)]
 
 
 def _meeting(key: np.ndarray, size: int) -> np.ndarray:
@@ -323,7 +372,7 @@ class Checkpoint:
         self.increments: list[Increment] = []
         self.notes: list[str] = []
         self._source: _Part | None = None  # what to go on from
-        self._states: list[str] = []  # checksums of the states asked for
+        self._states: list[str] = []  # checksums of the states after each increment
         self._newest_is_good = False
 
     @classmethod
@@ -414,29 +463,46 @@ class Checkpoint:
         if self._source is None:
             return None
         part, run = self._source, self._source.run
-        states = map(state_at, run.controls, part.positions(nodes, len(run.controls)))
-        path = StagePath(list(states), **run.path.model_dump())
+        states = part.states(nodes, run.controls, state_at)
+        path = StagePath(states, **run.path.model_dump())
         asked = []
-        reached = [increment.control for increment in self.increments if increment.asked]
-        for number, (seal, control) in enumerate(zip(self._states, reached, strict=True), 1):
-            try:
-                part = _Part.open(self.comm, self.folder / f"state-{number}")
-            except DamagedError as error:
-                raise InputError(f"{error}; {ANEW}") from None
-            if part.seal != seal:
-                raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
-            asked.append(state_at(control, part.positions(nodes, 1)[0]))
+        for number, increment in enumerate(self.increments):
+            part = self._state(number)  # looked at in any case
+            if increment.asked:
+                asked += part.states(nodes, [increment.control], state_at)
         return path, asked
 
-    def write(self, nodes: Nodes, path: StagePath, increments: list[Increment]) -> None:
+    def state(
+        self,
+        nodes: Nodes,
+        number: int,
+        control: float,
+        state_at: Callable[[float, np.ndarray], State],
+    ) -> State:
+        """The state after an increment, by its number; errors as of `restore`. Collective."""
+        return self._state(number).states(nodes, [control], state_at)[0]
+
+    def _state(self, number: int) -> _Part:
+        try:
+            part = _Part.open(self.comm, self.folder / f"state-{number + 1}")
+        except DamagedError as error:
+            raise InputError(f"{error}; {ANEW}") from None
+        if part.seal != self._states[number]:
+            raise InputError(f'"{part.folder}" is of another run than its neighbours; {ANEW}')
+        return part
+
+    def write(
+        self, nodes: Nodes, path: StagePath, increments: list[Increment], state: State
+    ) -> None:
         """Keep what has been reached by all increments that were accepted.
 
+        ``state``: the last one as it was found, with what items remembered of those before it.
         An InputError on every rank if the place cannot be written to; the last good checkpoint is
         still there then.
         """
-        asked = sum(bool(increment.asked) for increment in increments)
-        if asked > len(self._states):
-            self._states.append(self._put(nodes, f"state-{asked}", [path.state.x], None))
+        count = len(increments)
+        if count > len(self._states):
+            self._states.append(self._put(nodes, f"state-{count}", [state], None))
         run = {
             "case": self.case.model_dump(),
             "determines": determines(self.case),
@@ -445,15 +511,19 @@ class Checkpoint:
             "path": {name: getattr(path, name) for name in _Path.model_fields},
             "states": self._states,
         }
-        self._put(nodes, NEWEST, [state.x for state in path.states], run)
+        self._put(nodes, NEWEST, path.states, run)
         self._newest_is_good = True
 
-    def _put(self, nodes: Nodes, name: str, positions: list[np.ndarray], run: dict | None) -> str:
+    def _put(self, nodes: Nodes, name: str, states: list[State], run: dict | None) -> str:
         """Write a folder and give it its name; returns the checksum of its manifest."""
         comm, own = self.comm, nodes.num_nodes_owned
-        x = np.stack([x[:own] for x in positions], axis=1)
-        records = np.empty(own, _record(x.shape[1:]))
-        records["key"], records["positions"] = nodes.node_key[:own], x
+        arrays = _Arrays.of(states)
+        records = np.empty(own, arrays.record())
+        records["key"] = nodes.node_key[:own]
+        records["positions"] = np.stack([state.x[:own] for state in states], axis=1)
+        for item, of_item in arrays.memory.items():
+            for label in of_item:
+                records[f"{item}/{label}"] = states[-1].memory[item][label][:own]
         data = io.BytesIO()
         np.save(data, records, allow_pickle=False)
         new = self.folder / comm.bcast(f"new-{os.getpid()}")
@@ -474,7 +544,7 @@ class Checkpoint:
         def finish() -> str:
             rows, hashes = zip(*files, strict=True)
             manifest = {
-                "program": __version__, "format": FORMAT, "arrays": {"positions": x.shape[1:]},
+                "program": __version__, "format": FORMAT, "arrays": arrays.model_dump(),
                 "rows": rows, "hashes": hashes, "run": run,
             }  # fmt: skip
             plain = np.generic.tolist  # numpy's numbers as Python's

@@ -168,20 +168,12 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
 # -- curves -------------------------------------------------------------------------------------
 
 
-def _path(result: TestResult) -> tuple[np.ndarray, np.ndarray]:
-    """Control and load (N) all along the test."""
-    steps = result.increments or result.states
-    control, load = np.array([(step.control, step.load) for step in steps]).T
-    return control, load
-
-
 def _loads(
     result: TestResult, membranes: Sequence[Any], title: str, measured: MeasuredCurve | None
 ) -> Drawn:
     """The load, or what stands for it, against the control."""
     experiment, curve = result.experiment, result.curve()
-    control, load = _path(result)
-    in_newton = LOAD.sized_for(load)
+    in_newton = LOAD.sized_for([curve[column] for column in experiment.forces])
     newton = in_newton.scale
     draw = partial(pictures.curves, title=title)
     test = None
@@ -197,14 +189,15 @@ def _loads(
             lines[f"measured, {next(iter(lines))}"] = test
         lines = {key: pictures.from_origin(*line) for key, line in lines.items()}
         return {f"{name}.png": partial(draw, lines, (x_label, y_label))}
-    column = experiment.column.sized_for(result.loads)
+    control = experiment.column.scale * curve[experiment.column.column]
+    column = experiment.column.sized_for(control)
     states, points = result.controls / column.scale, {}
     if len(membranes) == len(states):
         points["membrane"] = states, np.array([m.load for m in membranes]) / newton
     if test is not None and experiment.unit == "m":
         points["measured"] = test
-    lines = {"network": pictures.from_origin(control / column.scale, load / newton)}
-    marks = None if len(control) == len(states) else (states, result.loads / newton)
+    lines = {"network": pictures.from_origin(control / column.scale, curve["load_N"] / newton)}
+    marks = None if curve["asked"].all() else (states, result.loads / newton)
     labels = column.axis, in_newton.axis
     name = f"load_against_{column.column.partition('_')[0]}.png"
     drawn: Drawn = {name: partial(draw, lines, labels, points=points, marks=marks)}
@@ -217,15 +210,15 @@ def _loads(
 
 def _energies(result: TestResult, title: str) -> partial[Figure]:
     """Strain energies of the modes all along a finite test."""
+    curve = result.curve()
     names = {mode: mode.replace("_", " ") for mode in result.experiment.modes}
     names["bending"] = "yarn bending"
     if not result.experiment.bending:
         del names["bending"]
-    parts = {
-        name: 1e3 * np.array([step.energies[mode] for step in result.increments])
-        for mode, name in names.items()
-    }
-    column, (control, _) = result.experiment.column.sized_for(result.loads), _path(result)
+    parts = {name: 1e3 * curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    own = result.experiment.column
+    control = own.scale * curve[own.column]
+    column = own.sized_for(control)
     labels = column.axis, "strain energy (mJ)"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
@@ -255,6 +248,7 @@ def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
     lines = {
         label: pictures.from_origin(curve["load_N"] / load.scale, curve[name])
         for label, name in names.items()
+        if np.isfinite(curve[name]).all()  # there may be a hole at the centre
     }
     return partial(pictures.curves, lines, (load.axis, pictures.ANGLE_LABEL), title)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 MANIFEST, PROGRAM = ".cruciform-petsc.json", "cruciform_petsc"
 CHECKPOINT, PUT_ASIDE = "checkpoint", "checkpoint.old"
-PATIENCE = 3.0  # s, with a run that is just being ended in the same folder
+PATIENCE = 10.0  # s, with a run that was killed in the same folder: it takes a while to end
 # What each command may leave. A run removes what an earlier one left, lest it looks like its own.
 OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",

@@ -128,6 +128,7 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
         "at the centre point": "shear_centre_deg",
         "median of the middle zone": "shear_middle_deg",
         "at most (absolute)": "shear_max_deg",
+        "on 99 % of the area": "shear_99_deg",
     }
     found = {where: last(summary.get(key, np.nan)) for where, key in angles.items()}
     texts = [f"{angle_text(v)} {where}" for where, v in found.items() if np.isfinite(v)]

@@ -9,6 +9,8 @@ tables.py.
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from itertools import chain
@@ -19,6 +21,7 @@ import numpy as np
 
 from ..experiments.result import State
 from ..net.network import Network
+from ..parallel import on_root
 from .provenance import file_notes
 from .sample import node_means
 from .tables import written_by_all
@@ -51,7 +54,8 @@ def write(result: TestResult, path: str | Path) -> None:
     InputError
         On every rank: the place cannot be written to. Nothing is left there then.
     """
-    write_any = write_series if len(result.states) > 1 else write_state
+    several = max(len(result.states), len(result.increments)) > 1
+    write_any = write_series if several else write_state
     write_any(path, result, file_notes(result))
 
 
@@ -87,24 +91,28 @@ def write_state(
 
 
 def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
-    """Write all states, after the one at rest, to one ``.vtkhdf`` file with time. Collective.
+    """Write the states after all increments to one ``.vtkhdf`` file with time. Collective.
 
-    Time is the control of the test in the curve's unit, or the number of the state where controls
-    do not ascend: the attribute ``time_is`` tells which; ``controls`` always holds them. Cells and
-    what does not change with time are in the file once; data as in `write_state`.
+    The state at rest is the first. Time is the control of the test in the curve's unit, or the
+    number of the state where controls do not ascend: the attribute ``time_is`` tells which;
+    ``controls`` always holds them, and ``asked`` is 1 where a value was asked for. Cells and what
+    does not change with time are in the file once; data as in `write_state`.
     """
     network, column, first = result.network, result.experiment.column, result.states[0]
     fields = {
         name: value if value.dtype == bool else np.zeros_like(value)
         for name, value in first.fields.items()
     }
-    states = [State(0.0, 0.0, fields, np.zeros_like(first.node_displacement)), *result.states]
-    controls = np.array([state.control / column.scale for state in states])
+    rest = State(0.0, 0.0, fields, np.zeros_like(first.node_displacement))
+    told = [(step.control, step.asked) for step in result.increments]
+    told = told or [(state.control, True) for state in result.states]
+    controls, asked = np.array([(0.0, False), *told]).T
+    controls = controls / column.scale
     ascending = (np.diff(controls) > 0).all()
     time_is = column.column if ascending else "state"
-    notes = {**(notes or {}), "time_is": time_is, "controls": controls}
-    times = controls if ascending else np.arange(len(states), dtype=float)
-    steps = (arrays(network, state) for state in states)
+    notes = {**(notes or {}), "time_is": time_is, "controls": controls, "asked": asked.astype(int)}
+    times = controls if ascending else np.arange(len(controls), dtype=float)
+    steps = (arrays(network, state) for state in chain([rest], result.every_state()))
     write_by_rank(network.comm, path, steps, notes, times)
 
 
@@ -169,56 +177,116 @@ def write_by_rank(
     """Write a file in which every dataset is the ranks' arrays one after the other. Collective.
 
     ``steps`` are made as they are needed, one for each of the ``times``: the same names, types and
-    trailing shapes on every rank; only those in ``changing`` differ between times. Ranks write at
-    the same time where h5py can, else in turn.
+    trailing shapes on every rank; only those in ``changing`` differ between times. HDF5 lays the
+    file out in rank 0's memory; data go to their places in it by plain writes of all ranks: HDF5
+    crashes as it ends where the disk is full.
     """
-    import h5py
-
     first = next(steps)
     lengths = np.array(comm.allgather([len(array) for array in first.values()]))
     begin = dict(zip(first, lengths[: comm.rank].sum(axis=0), strict=True))
     total = dict(zip(first, lengths.sum(axis=0), strict=True))
     stride = {name: rows * (name in changing) for name, rows in total.items()}
     step = np.arange(1 if times is None else len(times))
-    together = comm.size > 1 and h5py.get_config().mpi
-    options = {"driver": "mpio", "comm": comm} if together else {}
-
-    def create(temporary: Path) -> None:
-        with h5py.File(temporary, "w", **options) as file:
-            root = file.create_group("VTKHDF")
-            root.attrs["Version"] = np.array([2, 0])
-            for name, note in {"Type": "UnstructuredGrid", **notes}.items():
-                root.attrs[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
-            for name, array in first.items():
-                rows = total[name] + step[-1] * stride[name]
-                root.create_dataset(name, (rows, *array.shape[1:]), array.dtype)
-            if times is None:
-                return
-            none = np.zeros_like(step)
-            axis = {
-                "Values": times,
-                "NumberOfParts": none + total["NumberOfPoints"],
-                "PartOffsets": none,
-                "PointOffsets": step * stride["Points"],
-                "CellOffsets": none[:, None],
-                "ConnectivityIdOffsets": none[:, None],
-            }
-            data = {name: step * rows for name, rows in stride.items() if "/" in name}
-            axis |= {name.replace("/", "Offsets/"): offset for name, offset in data.items()}
-            for name, array in axis.items():
-                root.create_dataset(f"Steps/{name}", data=array)
-            root["Steps"].attrs["NSteps"] = len(times)
+    small = {}
+    if times is not None:
+        none = np.zeros_like(step)
+        axis = {
+            "Values": times,
+            "NumberOfParts": none + total["NumberOfPoints"],
+            "PartOffsets": none,
+            "PointOffsets": step * stride["Points"],
+            "CellOffsets": none[:, None],
+            "ConnectivityIdOffsets": none[:, None],
+        }
+        data = {name: step * rows for name, rows in stride.items() if "/" in name}
+        axis |= {name.replace("/", "Offsets/"): offset for name, offset in data.items()}
+        small = {f"Steps/{name}": array for name, array in axis.items()}
+    large = {
+        name: ((total[name] + step[-1] * stride[name], *array.shape[1:]), array.dtype)
+        for name, array in first.items()
+    }
+    pieces, size, place = on_root(comm, lambda: _lay_out(large, small, notes))
 
     def fill(k: int, arrays: Arrays, temporary: Path) -> None:
-        with h5py.File(temporary, "r+", **options) as file:
+        with temporary.open("r+b", buffering=0) as file:
+            if k == comm.rank == 0:
+                for at, piece in pieces:
+                    _write_at(file, at, piece)
+                file.truncate(size)
             for name, array in arrays.items():
                 if len(array) and (k == 0 or name in changing):
-                    at = begin[name] + k * stride[name]
-                    file[f"VTKHDF/{name}"][at : at + len(array)] = array
+                    row = array.nbytes // len(array)
+                    at = place[name] + row * int(begin[name] + k * stride[name])
+                    _write_at(file, at, array)
 
     with written_by_all(comm, path) as in_file:
-        in_file(create if together or comm.rank == 0 else None)
         for k, arrays in enumerate(chain([first], steps)):
-            for turn in range(1 if together else comm.size):
-                mine = together or turn == comm.rank
-                in_file(partial(fill, k, arrays) if mine else None)
+            in_file(partial(fill, k, arrays))
+
+
+def _write_at(file: io.FileIO, at: int, data: bytes | np.ndarray) -> None:
+    """Write all of it."""
+    file.seek(at)
+    left = memoryview(data.tobytes() if isinstance(data, np.ndarray) else data)
+    while left:
+        left = left[file.write(left) :]
+
+
+class _Layout(io.RawIOBase):
+    """A file in memory, of which only what has been written is there."""
+
+    def __init__(self) -> None:
+        self.pieces: list[tuple[int, bytes]] = []
+        self.size = self.at = 0
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self.at = offset + (0, self.at, self.size)[whence]
+        return self.at
+
+    def write(self, data: Any) -> int:
+        self.pieces.append((self.at, bytes(data)))
+        self.at += len(data)
+        self.size = max(self.size, self.at)
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        self.size = self.at if size is None else size
+        return self.size
+
+    def readinto(self, buffer: Any) -> int:
+        view, end = memoryview(buffer).cast("B"), self.at + len(buffer)
+        view[:] = bytes(len(view))
+        for begin, piece in self.pieces:  # later ones lie over earlier ones
+            first, last = max(begin, self.at), min(begin + len(piece), end)
+            if first < last:
+                view[first - self.at : last - self.at] = piece[first - begin : last - begin]
+        self.at = end
+        return len(view)
+
+
+def _lay_out(
+    large: Mapping[str, tuple[tuple[int, ...], np.dtype]], small: Arrays, notes: Notes
+) -> tuple[list[tuple[int, bytes]], int, dict[str, int]]:
+    """Lay a file out without data of the large arrays.
+
+    Returns what is to be written where, its size, and where the large arrays begin.
+    """
+    import h5py
+
+    layout, place = _Layout(), {}
+    with h5py.File(layout, "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 0])
+        for name, note in {"Type": "UnstructuredGrid", **notes}.items():
+            root.attrs[name] = np.bytes_(note.encode()) if isinstance(note, str) else note
+        at_once = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        at_once.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+        at_once.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+        for name, (shape, dtype) in large.items():
+            array = root.create_dataset(name, shape, dtype, dcpl=at_once)
+            place[name] = array.id.get_offset()
+        for name, values in small.items():
+            root.create_dataset(name, data=values)
+        if small:
+            root["Steps"].attrs["NSteps"] = len(small["Steps/Values"])
+    return layout.pieces, layout.size, place

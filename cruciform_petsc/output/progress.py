@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How far a test is: a line and a row for each increment, and a bar where there is a terminal."""
+"""How far a test is: a line and a row of the curve for each increment, and a bar on a terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..quantities import LOAD, si_text
+from ..experiments.result import curve_of
+from ..quantities import quantity, si_text
 from .tables import write_csv
 
 if TYPE_CHECKING:
@@ -23,18 +24,10 @@ if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
 NARROWEST = 40  # columns; what claims less does not know
-# Columns of increments.csv that tell how equilibrium was found, and the increment's attributes.
-EFFORT = {
-    "newton_iterations": "iterations",
-    "residual_N": "residual",
-    "tolerance_N": "tolerance",
-    "asked": "asked",
-    "seconds": "seconds",
-}
 
 
 class Progress:
-    """Tells the log about each accepted increment and keeps a table of all of them on disk."""
+    """Tells the log about each accepted increment and keeps the curve on disk."""
 
     def __init__(self, experiment: Experiment, path: Path, log: logging.Logger):
         self.experiment, self.path, self.log = experiment, path, log
@@ -70,12 +63,19 @@ class Progress:
             "%8.2f s    %-22s%s shear %4.1f deg, %2d Newton iterations%s",
             increment.seconds,
             self.experiment.column.text(increment.control),
-            "" if self.experiment.control == "load" else f" load {increment.load:<8.5g} N,",
+            self._forces(increment),
             np.rad2deg(increment.shear_max),
             increment.iterations,
             mended,
         )
         self._write()
+
+    def _forces(self, increment: Increment) -> str:
+        """What they are in the log, where the control is none of them."""
+        if self.experiment.control == "load":
+            return ""
+        forces = ((column, increment.columns[column]) for column in self.experiment.forces)
+        return "".join(f" {quantity(column).short} {force:<8.5g} N," for column, force in forces)
 
     def _done(self) -> float:
         """How much of the way through the values asked for lies behind."""
@@ -97,19 +97,8 @@ class Progress:
         )
 
     def _write(self) -> None:
-        """Write the table of all accepted increments."""
-        control, steps = self.experiment.column, self.increments
-        columns: dict[str, Any] = {
-            control.column: np.array([step.control for step in steps]) / control.scale,
-            LOAD.column: [step.load for step in steps],
-            "shear_max_deg": np.rad2deg([step.shear_max for step in steps]),
-        }
-        for mode in self.experiment.modes:
-            columns[f"energy_{mode}_J"] = [step.energies[mode] for step in steps]
-        for name, attribute in EFFORT.items():
-            columns[name] = [getattr(step, attribute) for step in steps]
-        columns["asked"] = np.array(columns["asked"], int)
-        write_csv(self.experiment.network.comm, self.path, columns)
+        """Write the curve as far as it is known."""
+        write_csv(self.experiment.network.comm, self.path, curve_of(self.increments))
 
 
 class Route:
@@ -208,15 +197,16 @@ def progress_bar(
         for handler in log.handlers
         if isinstance(handler, logging.StreamHandler) and handler.stream is stdout
     ]
-    with bar:  # sys.stdout writes above the bar in here
+    try:
+        bar.start()  # sys.stdout writes above the bar now
         console.show_cursor(True)  # a rank that is killed cannot put it back
         for handler in mine:
             handler.setStream(sys.stdout)
-        try:
-            yield tell
-        finally:
-            for handler in mine:
-                handler.setStream(stdout)
+        yield tell
+    finally:
+        bar.stop()  # also where it was interrupted as it started
+        for handler in mine:
+            handler.setStream(stdout)
 
 
 def duration(seconds: float) -> str:

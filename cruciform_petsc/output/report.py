@@ -18,7 +18,6 @@ import numpy as np
 
 from ..parallel import on_root
 from ..quantities import (
-    Quantity,
     angle_text,
     force_text,
     force_unit,
@@ -104,7 +103,7 @@ def write_report(
     The summary is as it goes into summary.json; pictures are files in the folder, curves among them
     embedded in this order.
     """
-    curve, experiment = result.curve(), result.experiment
+    curve, experiment = result.curve(states=True), result.experiment
     at, captions = last_control(curve), CAPTIONS | experiment.captions
     maps = [directory / name for name in MAPS if name in pictures]
     curves = [directory / name for name in pictures if name not in MAPS]
@@ -117,10 +116,10 @@ def write_report(
             "maps": gallery(maps, captions, at, experiment.colour),
             "jagged": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
-            "results": curve_table(curve, experiment.load_name),
+            "results": curve_table(curve),
             "measured_table": _measured(summary.get("measured", {})),
             "continuum": _continuum(summary, curve),
-            "increments": _increments(summary, experiment.column),
+            "increments": _increments(summary, experiment),
         }
 
     _write(result.network.comm, directory, case, summary, sections)
@@ -227,6 +226,7 @@ def _key_figures(
         ("shear angle at the centre point", "shear_centre_deg"),
         ("shear angle, median of the middle zone", "shear_middle_deg"),
         ("largest shear angle (absolute)", "shear_max_deg"),
+        ("shear angle, 99 % of the area (absolute)", "shear_99_deg"),
     ):
         angle = last(summary.get(key, np.nan))
         if np.isfinite(angle):
@@ -282,17 +282,18 @@ def gallery(
     return sorted(pictures, key=lambda picture: picture["basis"] != "100%")
 
 
-def curve_table(curve: Mapping[str, np.ndarray], load_name: str = "load") -> Table:
-    """The curve with its columns' names and units; rounding is told as 0."""
+def curve_table(curve: Mapping[str, np.ndarray]) -> Table:
+    """The curve with its columns' names and units; rounding is told as 0, empty columns not."""
     columns = {}
     total = sum(values for name, values in curve.items() if name.startswith("energy_"))
     for name, values in curve.items():
+        if not np.isfinite(values).any():
+            continue
         known = quantity(name)
         noise = {"J": NOISE * total, "°": NOISE}.get(known.unit, 0.0)
         scale, unit = _unit(name, values)
-        head = load_name if name == "load_N" else known.name
         quiet = np.where(np.abs(values) < noise, 0.0, values)
-        columns[f"{head} ({unit})" if unit else head] = numbers(quiet, scale)
+        columns[f"{known.name} ({unit})" if unit else known.name] = numbers(quiet, scale)
     return Table.of(columns)
 
 
@@ -441,15 +442,16 @@ def _sizes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*rows, ("solvers (PETSc)", ", ".join(words))]
 
 
-def _increments(summary: Mapping[str, Any], control: Quantity) -> Table | None:
-    steps = summary.get("increments")
+def _increments(summary: Mapping[str, Any], experiment: Experiment) -> Table | None:
+    steps, control = summary.get("increments"), experiment.column
     if not steps:
         return None
+    forces = {column: [step[column.lower()] for step in steps] for column in experiment.forces}
     columns = {
         f"{control.name} ({control.unit})": numbers(
             [step["control"] for step in steps], 1.0 / control.scale
         ),
-        "load (N)": numbers([step["load_n"] for step in steps]),
+        **{f"{quantity(name).name} (N)": numbers(values) for name, values in forces.items()},
         "Newton iterations": [f"{step['newton_iterations']}" for step in steps],
         "mended": [f"{step['shifted']}" for step in steps],
         "cut": [f"{step.get('cuts', 0)}" for step in steps],

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import pictures
+from .folder import explaining
 from .sample import YarnSample
 
 if TYPE_CHECKING:
@@ -147,6 +148,7 @@ def _view(scene: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return _looked_at(points, azimuth, ELEVATION, margin)
 
 
+@explaining("the yarns in space cannot be drawn", also=ValueError)  # half an image
 def _render(scene: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Have another process draw; uint8 (height, width, 3), and its (width, height) in metres."""
     with tempfile.TemporaryDirectory() as folder, _display() as variables:

@@ -353,8 +353,9 @@ class LinearNetwork:
         -------
         dict with, in metres, radians, N/m and J:
             displacement (n, 2) in x, y; arm_strain (n, 4); arm_rotation (n, 4);
-            warp_strain, weft_strain, warp_tension, weft_tension, shear_angle (n,), means over the
-            quadrants; tension_energy, shear_energy, bending_energy (n,); carrying (n,) bool.
+            warp_strain, weft_strain, warp_tension, weft_tension (n,), means over the quadrants;
+            shear_angle (n,) of the yarns at the hinge, see Supports.hinge_share; tension_energy,
+            shear_energy, bending_energy (n,); carrying (n,) bool.
         """
         network, fabric = self.network, self.network.fabric
         n = network.num_crossovers_owned
@@ -372,7 +373,9 @@ class LinearNetwork:
             area[group.rows] = group.area
         shares = area / np.maximum(area.sum(axis=1, keepdims=True), 1e-300)
         strain = fields["arm_strain"]
-        gamma = kernels.quadrant_angles(fields["arm_rotation"])
+        share = np.full((n, 4), 0.5)
+        share[network.boundary_crossovers] = self.supports.hinge_share
+        turned = share * fields["arm_rotation"]
         warp = np.einsum("eq,eq->e", shares, strain[:, [0, 2, 2, 0]])
         weft = np.einsum("eq,eq->e", shares, strain[:, [1, 1, 3, 3]])
         self._follow(fields["displacement"], fields["arm_rotation"], local)
@@ -382,7 +385,7 @@ class LinearNetwork:
             "weft_strain": weft,
             "warp_tension": fabric.c11 * warp + fabric.c12 * weft,
             "weft_tension": fabric.c22 * weft + fabric.c12 * warp,
-            "shear_angle": np.einsum("eq,eq->e", shares, gamma),
+            "shear_angle": turned[:, ::2].sum(axis=1) - turned[:, 1::2].sum(axis=1),
             **{f"{mode}_energy": value for mode, value in energy.items()},
             "carrying": self.supports.carrying.copy(),
         }

@@ -93,13 +93,13 @@ def test_defaults(write):
     assert (test.bending, test.is_curve) == (True, False)
     assert (test.control, test.values_si) == ("extension", [1e-3])
     assert (test.finite, test.increments, test.control, test.values_si) == (
-        False,
+        True,
         None,
         "extension",
         [1e-3],
     )
     assert (case.continuum.compare, case.continuum.mesh_size_si) == (False, None)
-    assert (case.continuum.second_gradient, case.second_gradient) == (None, False)
+    assert (case.continuum.second_gradient, case.second_gradient) == (None, True)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
         "results",
@@ -141,6 +141,23 @@ def test_dump_is_json_and_a_case_again(write, text):
 
 
 ALONG = 'preform.bias_angle="0 deg"'
+
+
+@pytest.mark.parametrize(
+    ("overrides", "finite"),
+    [
+        (["test.model=separate"], False),
+        (["continuum.ladder=[1, 2]"], False),
+        (["continuum.ladder=[1, 2]", "continuum.compare=true"], False),
+        (["continuum.ladder=[1, 2]", "test.finite=true"], True),
+        (["continuum.ladder=[1]", "continuum.second_gradient=true"], True),
+        (["test.model=coupled", "continuum.compare=true"], True),
+    ],
+)
+def test_finite_unless_something_asks_for_small(write, overrides, finite):
+    case = Case.load(write(SPECIMEN), overrides)
+    assert case.test.finite is finite
+    assert Case.from_data(case.model_dump()) == case
 
 
 @pytest.mark.parametrize("finite", [False, True])
@@ -463,7 +480,7 @@ def test_bad_override(write, override):
             "small displacements only",
         ),
         (
-            ["continuum.second_gradient=true"],
+            ["continuum.second_gradient=true", "test.finite=false"],
             "continuum.second_gradient = true needs test.finite = true",
         ),
         (

@@ -490,7 +490,7 @@ def test_picture_frame(law, bending):
     np.testing.assert_allclose(result.loads, expected, rtol=1e-6)
     np.testing.assert_allclose(result.shear_angles_centre, gamma, rtol=1e-6)
     np.testing.assert_allclose(result.shear_angles_max, gamma, rtol=1e-6)
-    curve = result.curve()
+    curve = result.curve(states=True)
     shear_force = fabric.shear.evaluate(gamma)[1] / np.cos(gamma) / 1e3
     np.testing.assert_allclose(curve["shear_force_N_per_mm"], shear_force, rtol=1e-6)
     np.testing.assert_allclose(
@@ -519,7 +519,7 @@ def test_biaxial(bias):
         network(Preform.rectangle(0.04, 0.03, bias), fabric), ["2 %", "20 %", "-3 %"], ratio=-0.5,
         finite=True, bending=False,
     ).solve()  # fmt: skip
-    curve = result.curve()
+    curve = result.curve(states=True)
     stretch = np.array([1 + result.controls, 1 - 0.5 * result.controls])
 
     def effective(stretch):
@@ -772,6 +772,41 @@ def test_steps_are_the_usual_ones_after_a_value(monkeypatch):
     assert [increment.cuts for increment in result.increments] == [1, 0, 0]
 
 
+def test_going_on_before_the_first_value_takes_the_same_steps():
+    """The largest step is that of the whole stage, also from a place within it."""
+    cloth = clamped(diagonals(4, 8), bending=True)
+    equilibrium = Equilibrium(cloth.model, cloth.state())
+    solve, tried = equilibrium.solve, []
+
+    def solved(guess):
+        tried.append(guess.time)
+        if guess.time > 0.55:
+            raise EquilibriumError("no equilibrium found", "TEST", [])
+        return solve(guess)
+
+    def motion(edge, control):
+        return np.eye(2), np.array([0.0, 0.005 * control]) * (edge == "upper")
+
+    equilibrium.solve = solved
+    kept = []
+
+    def accepted(step, path):
+        if len(kept) < 1:
+            tried.clear()
+            kept.append(replace(path, states=list(path.states)))
+
+    stage = cloth.stage(motion, [1.0])
+    with pytest.raises(EquilibriumError):
+        follow(equilibrium, stage, cloth.state(), accepted)
+    expected = tried[:]
+    tried.clear()
+    assert kept[0].state.time == 0.5
+    with pytest.raises(EquilibriumError):
+        follow(equilibrium, stage, kept[0])
+    assert tried == expected
+    equilibrium.destroy()
+
+
 def test_last_accepted_state_survives():
     """A step that fails leaves how far the stage has come as it was; from there it goes on."""
     cloth = clamped(diagonals(4, 8), bending=True)
@@ -824,7 +859,8 @@ def test_what_cannot_be_solved(bending, monkeypatch):
     # The values that were reached, and as far as it came.
     np.testing.assert_allclose(result.controls, [0.002, 0.005, last.control])
     assert result.loads[1] > result.loads[0] > 0
-    assert len(result.curve()["load_N"]) == 3
+    assert len(result.curve(states=True)["load_N"]) == 3
+    assert len(result.curve()["load_N"]) == len(result.increments) >= 3
     # The fields are those of the states reached, not of the attempts after them.
     good = pulled(diagonals(4, 8), ["2 mm", "5 mm"], FALLING, bending)
     np.testing.assert_allclose(result.loads[:2], good.loads, rtol=1e-7)

@@ -18,7 +18,13 @@ from mpi4py import MPI
 
 from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.elements.level import FORCE, STIFFNESS, room
+from cruciform_petsc.equilibrium import cloth
+from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments import finite
+from cruciform_petsc.experiments.result import EFFORT
+from cruciform_petsc.items.item import Item
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.net.nodes import Nodes
 from cruciform_petsc.output.checkpoint import Checkpoint
@@ -64,9 +70,12 @@ def solve(case, checkpoint=None, stop=None, comm=COMM):
         return None
 
 
-def curves_agree(one, other, within=SAME):
+def curves_agree(one, other, within=SAME, states=False):
+    """All increments, or with ``states`` what was asked for; how they were found does not count."""
     assert one.controls.tolist() == pytest.approx(other.controls.tolist(), rel=within)
-    found, wanted = one.curve(), other.curve()
+    found, wanted = one.curve(states), other.curve(states)
+    for name in EFFORT.keys() & wanted.keys():
+        del wanted[name]
     energy = sum(column for name, column in wanted.items() if name.startswith("energy"))
     for name, column in wanted.items():
         scale = abs(energy if name.startswith("energy") else column).max()
@@ -130,6 +139,57 @@ def test_every_kind_goes_on_from_each_increment(tmp_path, kind):
         asked = [increment.asked for increment in result.increments]
         assert asked == [increment.asked for increment in whole.increments]
         curves_agree(result, whole)
+        moved = [state.node_displacement for state in result.every_state()]
+        for found, wanted in zip(moved, whole.every_state(), strict=True):
+            np.testing.assert_allclose(found, wanted.node_displacement, rtol=0, atol=1e-12)
+
+
+class Drag(Item):
+    """Springs from each node to where it was in the state accepted last; counts these states."""
+
+    name, modes, stiffness = "drag", ("shear",), 2.0  # N/m
+
+    def __init__(self, nodes):
+        self.of, self.nodes = nodes, np.arange(nodes.num_nodes_owned, dtype=np.int32)[:, None]
+
+    def work(self, state, level, rows=slice(None), before=None):
+        at = self.nodes[rows, 0]
+        place = state.memory.get("drag", {}).get("place", self.of.rest)
+        moved = state.x[at] - place[at]
+        energy, force, stiffness = room(len(at), 1, 1, moved.shape[1], level)
+        energy[:, 0] = 0.5 * self.stiffness * (moved**2).sum(axis=1)
+        if level >= FORCE:
+            force[:, 0] = self.stiffness * moved
+        if level >= STIFFNESS:
+            stiffness[:, 0, :, 0] = self.stiffness * np.eye(moved.shape[1])
+        return energy, force, stiffness
+
+    def accepted(self, state):
+        before = state.memory.get("drag", {})
+        count = before.get("count", np.zeros(len(state.x), np.int32)) + np.int32(1)
+        return {"place": state.x, "count": count, "went_up": state.x[:, 1] > self.of.rest[:, 1]}
+
+
+@pytest.fixture
+def dragged(monkeypatch):
+    """Tests have an item that remembers."""
+
+    def model_of(ply):
+        model = cloth.model_of(ply)
+        items = [*ply.items, Drag(ply.nodes)]
+        return Model(ply.nodes, items, ply.active, model.stiffness_scale, model.multigrid)
+
+    monkeypatch.setattr(finite, "model_of", model_of)
+
+
+def test_what_items_remember_is_kept(tmp_path, dragged, undisturbed):
+    """The load depends on where the nodes were before; so does what follows."""
+    whole = solve(case_of())
+    assert whole.load > 1.01 * undisturbed.load
+    for stop in (1, 4, 6, 7):
+        folder = tmp_path / str(stop)
+        assert solve(case_of(), Checkpoint.begin(COMM, folder, case_of()), stop) is None
+        curves_agree(solve(case_of(), Checkpoint.resume(COMM, folder)), whole)
 
 
 def test_killed_again_and_again(tmp_path, undisturbed):
@@ -178,7 +238,7 @@ def test_smaller_increments_may_be_asked_for(copy, undisturbed):
     case = case.model_copy(update={"title": "another"})
     result = solve(case, Checkpoint.resume(COMM, copy, case))
     assert len(result.increments) > len(undisturbed.increments)
-    curves_agree(result, undisturbed, ANY)
+    curves_agree(result, undisturbed, ANY, states=True)
 
 
 # -- files that are not what was written ----------------------------------------------------------
@@ -327,8 +387,8 @@ def test_foreign_checkpoints_are_refused(copy):
     forge(newest, lambda data: None)
     assert parts(newest) == good
     forge(newest, lambda data: data | {"format": 7})
-    assert f"in format 7, and this is {__version__}, which reads format 2" in refused(copy)
-    forge(newest, lambda data: data | {"format": 2, "program": "9.9"})
+    assert f"in format 7, and this is {__version__}, which reads format 3" in refused(copy)
+    forge(newest, lambda data: data | {"format": 3, "program": "9.9"})
     assert "was written by cruciform_petsc 9.9 in" in refused(copy)
     forge(newest, lambda data: data | {"program": __version__})
     text = refused(copy, case_of(BIAS | {"extension": ["1 mm", "3 mm", "5 mm"]}))
@@ -427,7 +487,10 @@ FORGED = {
     "a step that never ends": setting("run", "path", "allowed", 1e-300),
     "a step of nothing": setting("run", "path", "allowed", 0.0),
     "a step back": setting("run", "path", "allowed", -1e-4),
+    "a stage that began elsewhere": setting("run", "path", "begin", 1e-3),
     "load is not finite": setting("run", "path", "load", float("-inf")),
+    "columns unlike its neighbours'": setting("run", "increments", 0, "columns", {}),
+    "a column that is no number": setting("run", "increments", 0, "columns", {"load_N": "1"}),
     "states that are not told": setting("run", "states", []),
     "states that are no checksums": setting("run", "states", ["../../state"]),
     "no ranks": setting("rows", []),
@@ -437,6 +500,14 @@ FORGED = {
     "wide arrays": setting("arrays", "positions", [100, 100]),
     "arrays without end": setting("arrays", "positions", [10**9, 10**9]),
     "another array": setting("arrays", {"velocity": [3, 2]}),
+    "memory without a name": setting("arrays", "memory", {"": {}}),
+    "memory of objects": setting("arrays", "memory", {"a": {"b": {"type": "|O", "shape": []}}}),
+    "memory without end": setting(
+        "arrays", "memory", {"a": {"b": {"type": "<f8", "shape": [10**9]}}}
+    ),
+    "memory that is not there": setting(
+        "arrays", "memory", {"a": {"b": {"type": "<f8", "shape": [2]}}}
+    ),
     "an array of keys": setting("arrays", {"key": [3, 2]}),
     "deep case": setting("run", "case", reduce(lambda inner, _: {"a": inner}, range(800), 1)),
     "control characters": setting("run", "determines", {"\x1b[2J": 1}),
@@ -668,12 +739,14 @@ def test_full_disk(copy, room, undisturbed):
             solve(case_of(), checkpoint)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    part = "newest" if room > 2000 else "state-7"
     assert str(caught.value) == (
-        f'the checkpoint "{folder / "newest"}" cannot be written: File too large; what was reached '
+        f'the checkpoint "{folder / part}" cannot be written: File too large; what was reached '
         f"is kept, continue with: cruciform-petsc resume {copy}"
     )
     if room < max(map(len, before.values())):
-        assert parts(folder) == before
+        there = parts(folder).items()
+        assert {name: data for name, data in there if not name.startswith("state-7")} == before
     assert not list(folder.glob("new-*"))
     checkpoint = Checkpoint.resume(COMM, copy)
     assert checkpoint.notes == []
@@ -696,7 +769,9 @@ def test_what_reads_otherwise_than_it_was_written_is_told(tmp_path, monkeypatch)
 def test_one_file_a_rank_and_records_for_anyone(killed):
     """What docs/restart.md tells of the files."""
     folder = killed / "checkpoint"
-    assert {path.name for path in folder.iterdir()} == {"newest", "previous", "state-1", "state-2"}
+    assert {path.name for path in folder.iterdir()} == {
+        "newest", "previous", *(f"state-{number}" for number in range(1, 7)),
+    }  # fmt: skip
     records = np.load(folder / "newest" / "rank-0.npy")
     case = case_of()
     nodes = Nodes(Network(COMM, case.preform(), case.fabric()))

@@ -295,7 +295,7 @@ def test_directions_are_means_over_the_quadrants_that_carry(tmp_path):
 
 def test_small_displacements(tmp_path):
     """The same columns, to first order."""
-    result = BiasExtension(square(6), extension="0.1 mm").solve()
+    result = BiasExtension(square(6), extension="0.1 mm", finite=False).solve()
     table = read_table(export(result, tmp_path)[0])
     shear = result.fields["shear_angle"]
     np.testing.assert_allclose(table["shear_deg"], np.rad2deg(shear), **DIGITS)

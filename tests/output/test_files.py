@@ -3,6 +3,7 @@
 
 import csv
 import json
+import resource
 from dataclasses import replace
 
 import h5py
@@ -28,7 +29,7 @@ CIRCLE = np.asarray(shapely.Point(0.0, 0.04).buffer(0.0101).exterior.coords)
 def result():
     """A strip with a hole, pulled by 1 mm: some yarns are cut in two by the hole."""
     preform = Preform.rectangle("40 mm", "80 mm", holes=[CIRCLE[:-1]], refine=2)
-    return BiasExtension(Network(COMM, preform, TABLE_1), extension="1 mm").solve()
+    return BiasExtension(Network(COMM, preform, TABLE_1), extension="1 mm", finite=False).solve()
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -109,6 +110,20 @@ def test_failure_half_way_keeps_the_old_file(tmp_path):
         write(KeyError("x"))
     assert path.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["x.txt"]
+
+
+@pytest.mark.parametrize("room", [0, 3000, 20_000])
+def test_full_disk_within_a_vtkhdf_file(tmp_path, result, room):
+    """A sentence, nothing is left, and HDF5 does not crash as the process ends."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for write_any in (write_state, write_series):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            with pytest.raises(InputError, match=r'x.vtkhdf" cannot be written: File too large'):
+                write_any(tmp_path / "x.vtkhdf", result)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
 
 
 # -- ParaView --------------------------------------------------------------------------------------
@@ -200,7 +215,9 @@ def test_vtk_reads_a_series(tmp_path, curve):
     """Each state, from rest on, is what a file of its own has; time is the extension in mm."""
     path = tmp_path / "series.vtkhdf"
     write(curve, path)
-    assert times_of(path) == pytest.approx((0.0, 2.0, 6.0))
+    steps = [1e3 * increment.control for increment in curve.increments]
+    assert len(steps) > 2
+    assert times_of(path) == pytest.approx((0.0, *steps))
     for index, time in enumerate((2.0, 6.0)):
         single = tmp_path / "single.vtkhdf"
         write_state(single, curve, index=index)
@@ -227,7 +244,8 @@ def test_vtk_reads_a_series(tmp_path, curve):
 def test_series_that_turns_back(tmp_path, curve):
     """VTK wants ascending times: then they are the numbers of the states."""
     path = tmp_path / "series.vtkhdf"
-    write_series(path, replace(curve, states=curve.states[::-1]))
+    back = replace(curve, states=curve.states[::-1], increments=[], state_after=None)
+    write_series(path, back)
     assert times_of(path) == (0.0, 1.0, 2.0)
     points, *_ = read_vtkhdf(path, 2.0)
     assert points[:, 1].max() == pytest.approx(0.082)

@@ -41,12 +41,12 @@ paraview = false
 BOTH = pytest.mark.parametrize("finite", [False, True], ids=["small", "finite"])
 
 
-def made(finite=False):
+def made(finite=False, paraview=False):
     return Case.from_data({
         "fabric": {"use": "glass-pp-plain-1.93"},
         "preform": {"outline": {"rectangle": ["16 mm", "24 mm"]}, "bias_angle": "45 deg"},
         "test": {"extension": "0.5 mm", "finite": finite},
-        "output": {"pictures": False, "paraview": False},
+        "output": {"pictures": False, "paraview": paraview},
     })  # fmt: skip
 
 
@@ -115,12 +115,12 @@ def test_a_file_put_there_later_is_refused(tmp_path):
 
 
 def test_a_name_is_the_users_again_when_a_run_has_not_written_it(tmp_path):
-    run_case(COMM, made(finite=True), tmp_path, LOG)
-    assert "increments.csv" in written(tmp_path)
+    run_case(COMM, made(finite=True, paraview=True), tmp_path, LOG)
+    assert "series.vtkhdf" in written(tmp_path)
     run_case(COMM, made(), tmp_path, LOG)
-    assert "increments.csv" not in written(tmp_path)
-    (tmp_path / "increments.csv").write_text("mine")
-    with pytest.raises(InputError, match='increments.csv" was not written by'):
+    assert "series.vtkhdf" not in written(tmp_path)
+    (tmp_path / "series.vtkhdf").write_text("mine")
+    with pytest.raises(InputError, match='series.vtkhdf" was not written by'):
         run_case(COMM, made(), tmp_path, LOG)
 
 

@@ -143,12 +143,12 @@ def test_page_has_the_figures_of_the_summary(report, summary):
     shown = report.values
     energy = sum(values[-1] for values in summary["energy_j"].values())
     expected = [summary[key][-1] for key in ("load_n", "extension_m")]
-    expected += [summary[f"shear_{which}_deg"][-1] for which in ("centre", "middle", "max")]
-    assert shown[:5] == expected
-    assert shown[5] == pytest.approx(energy, rel=1e-14)  # sums in another order
+    expected += [summary[f"shear_{which}_deg"][-1] for which in ("centre", "middle", "max", "99")]
+    assert shown[:6] == expected
+    assert shown[6] == pytest.approx(energy, rel=1e-14)  # sums in another order
     measured = summary["measured"]
     keys = ("rms_relative", "end_relative", "largest_relative")
-    assert shown[6:] == [measured[key] for key in keys]
+    assert shown[7:] == [measured[key] for key in keys]
     text = report.text()
     assert f"{summary['load_n'][0]:.3f}" in text
     most = summary["yarn_tension_max"]
@@ -202,7 +202,7 @@ def test_every_other_kind(tmp_path, kind):
     words = {
         "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
         "biaxial": (
-            "tension warp (N/cm)", "weft force", "work-conjugate load (N)",
+            "tension warp (N/cm)", "weft force", "warp force (N)",
             "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
         ),
         "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
@@ -212,6 +212,7 @@ def test_every_other_kind(tmp_path, kind):
     assert summary["yarn_tension_max"]["at_mm"] is None or kind == "cantilever"
     assert ("To know before use" in text) == bool(summary["warnings"])
     assert kind != "biaxial" or "stretched by up to 12 %" in text
+    assert ("load" in text.lower()) == (kind != "biaxial")
 
 
 def test_pictures_are_two_in_a_row(tmp_path):
@@ -417,12 +418,16 @@ def test_two_results_by_hand(tmp_path):
 
 
 def test_all_increments_are_used_between(tmp_path):
-    """A result of one value only, with increments, is its curve and no straight line."""
-    a = results(tmp_path / "a", [4.0], [1.0], extension=[2.0])
-    (a / "increments.csv").write_text("extension_mm,load_N\n0.5,0.25\n1,1\n1.5,2.25\n2,4\n")
-    b = results(tmp_path / "b", [1.0, 4.0], [1.0, 1.0])
-    _, figures, _ = compare(read_side(a), read_side(b))
-    assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
+    """A result of one value only is its curve and no straight line; figures are where asked for."""
+    a, b = tmp_path / "a", results(tmp_path / "b", [1.0, 4.0], [1.0, 1.0])
+    results(a, [4.0], [1.0], extension=[2.0])
+    rows = ["0.5,0.25,0,0.1", "1,1,0,0.1", "1.5,2.25,0,0.2", "2,4,1,0.1"]
+    (a / "curve.csv").write_text("\n".join(["extension_mm,load_N,asked,seconds", *rows]) + "\n")
+    for sides, points in (((a, b), 2), ((a, a), 1)):
+        _, figures, _ = compare(*map(read_side, sides))
+        assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
+        assert figures["load_N"].points == points
+        assert figures.keys() == {"load_N"}
 
 
 def test_what_is_drawn_is_what_is_compared():

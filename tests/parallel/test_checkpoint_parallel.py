@@ -7,7 +7,16 @@ import shutil
 import numpy as np
 import pytest
 from mpi4py import MPI
-from output.test_checkpoint import FRAME, LOADS, SAME, case_of, curves_agree, harms, solve
+from output.test_checkpoint import (
+    FRAME,
+    LOADS,
+    SAME,
+    case_of,
+    curves_agree,
+    dragged,  # noqa: F401  a fixture
+    harms,
+    solve,
+)
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
@@ -80,6 +89,40 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
         np.testing.assert_array_equal(x, one_x[at])
 
 
+def test_memory_does_not_depend_on_the_ranks(tmp_path, dragged):  # noqa: F811
+    """What items remember of nodes, at owned ones and ghosts, of several types."""
+    case = case_of()
+    killed_run(tmp_path, case, COMM)
+
+    def kept(comm):
+        test = FiniteTest(case.experiment(Network(comm, case.preform(), case.fabric())))
+        nodes = test.ply.nodes
+        path, (state,) = Checkpoint.resume(comm, tmp_path).restore(nodes, test.at)
+        assert (path.state.memory["drag"]["count"] == 4).all()
+        memory = path.state.memory["drag"]
+        np.testing.assert_array_equal(memory["place"], path.state.x)
+        np.testing.assert_array_equal(memory["went_up"], path.state.x[:, 1] > nodes.rest[:, 1])
+        assert memory["went_up"].dtype == bool
+        # The state asked for has that of the one before it.
+        before = state.memory["drag"]
+        assert (before["count"] == 1).all()
+        assert abs(before["place"] - state.x).max() > 1e-5
+        return path.state.memory["drag"]
+
+    assert len(kept(COMM)["count"]) > 0
+    assert kept(MPI.COMM_SELF)["went_up"].any()
+    curves_agree(
+        solve(case, Checkpoint.resume(COMM, tmp_path), comm=COMM), solve(case, comm=COMM), 1e-8
+    )
+
+
+def test_begun_on_one_rank_with_memory(tmp_path, dragged):  # noqa: F811
+    case = case_of()
+    killed_run(tmp_path, case, MPI.COMM_SELF)
+    result = solve(case, Checkpoint.resume(COMM, tmp_path), comm=COMM)
+    curves_agree(result, solve(case, comm=COMM), OTHER_RANKS)
+
+
 def test_damage_is_refused_on_every_rank(tmp_path):
     killed_run(tmp_path, case_of(), COMM, 2)
     folder = tmp_path / "checkpoint"
@@ -120,7 +163,7 @@ def test_full_disk_of_one_rank(tmp_path, full):
     if COMM.rank == full % COMM.size:
         resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
     try:
-        with pytest.raises(InputError, match='newest" cannot be written: File too large; what was'):
+        with pytest.raises(InputError, match='state-5" cannot be written: File too large; what'):
             solve(case, checkpoint, comm=COMM)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -140,4 +183,5 @@ def test_ranks_without_nodes(tmp_path):
     assert network.num_crossovers_global == 1
     killed_run(tmp_path, case, COMM, 1)
     result = solve(case, Checkpoint.resume(COMM, tmp_path), comm=COMM)
-    assert result.loads.tolist() == pytest.approx(solve(case, comm=COMM).loads.tolist())
+    for force, values in solve(case, comm=COMM).forces.items():
+        assert result.forces[force].tolist() == pytest.approx(values.tolist())

@@ -17,6 +17,7 @@ from cruciform_petsc.experiments.cantilever import Cantilever
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.pantograph import Pantograph
 from cruciform_petsc.experiments.picture_frame import PictureFrame
+from cruciform_petsc.experiments.result import EFFORT
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.small.network import MODES
@@ -65,13 +66,17 @@ def same(result, alone):
     of the first order in what is left, get 1e-7: of a radian, a strain of 1, the largest energy.
     """
     np.testing.assert_allclose(result.controls, alone.controls, rtol=1e-9)
-    np.testing.assert_allclose(result.loads, alone.loads, rtol=1e-8)
+    for force, values in result.forces.items():
+        np.testing.assert_allclose(values, alone.forces[force], rtol=1e-8)
     curve, expected = result.curve(), alone.curve()
     assert list(curve) == list(expected)
+    for name in EFFORT.keys() & curve.keys():  # it may take other iterations
+        del curve[name], expected[name]
     energy = sum(value for name, value in expected.items() if name.startswith("energy")).max()
     for name, values in curve.items():
         unit = name.rpartition("_")[2]
-        size = max(abs(expected[n]).max() for n in expected if n.rpartition("_")[2] == unit)
+        alike = [expected[n] for n in expected if n.rpartition("_")[2] == unit]
+        size = np.nanmax(np.abs(alike))  # an L has no centre
         if unit == "deg":
             size = max(size, 10.0)
         elif name.startswith("energy"):

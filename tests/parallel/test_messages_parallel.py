@@ -15,6 +15,7 @@ from cruciform_petsc.parallel import (
     most,
     on_all,
     on_root,
+    quantile,
     send_by_rank,
 )
 
@@ -185,3 +186,26 @@ def test_each_rank_keeps_its_result():
     """on_all is no broadcast; on_root is one."""
     assert on_all(COMM, lambda: COMM.rank) == COMM.rank
     assert on_root(COMM, lambda: f"rank {COMM.rank}") == "rank 0"
+
+
+# -- quantiles ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.99, 1.0])
+@pytest.mark.parametrize("kind", ["any", "alike", "few", "of one rank"])
+def test_quantile(share, kind):
+    """Of values dealt out anyhow it is the same value, exactly, as of all in order."""
+    random = np.random.default_rng(3)
+    values = random.normal(size=400).round(1 if kind == "few" else 12) - (kind == "alike") * 1e3
+    values = np.full(400, 7.25) if kind == "alike" else values
+    weight = random.integers(0, 1000, 400)
+    rank = random.integers(0, 1 if kind == "of one rank" else COMM.size, 400)
+    own = rank == COMM.rank
+    for mine, all_ in ((weight[own], weight), (None, np.ones(400, int))):
+        order = np.argsort(values)
+        order = order[all_[order] > 0]
+        total = np.cumsum(all_[order])
+        expected = values[order][np.searchsorted(total, share * total[-1])]
+        assert quantile(COMM, values[own], share, mine) == expected
+    assert np.isnan(quantile(COMM, values[own], share, 0 * weight[own]))
+    assert np.isnan(quantile(COMM, values[:0], share))
