@@ -87,8 +87,10 @@ def read_given(path: str | Path, what: str, kind: str, most: int, *, zeros: bool
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
     """Read a TOML file that the user has named; every way this can fail is one sentence."""
     data = read_given(path, what, "TOML", LARGEST_CASE)
+    problem = "is empty"
     try:
-        return parse_toml(data.decode("utf-8-sig"))
+        if data.strip():
+            return parse_toml(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         problem = f"is not UTF-8 text (byte {error.start + 1}), save it as UTF-8"
     except ValueError as error:

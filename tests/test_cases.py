@@ -226,7 +226,7 @@ def test_the_demos_are_meant(demo):
 def test_lengths_that_no_specimen_is_pulled_by(tmp_path, key):
     """10 m on 120 mm is refused; a load that moves a specimen by more than it is long, told."""
     value = {"extension = ": '"10 m"', "extension = [": '"1 mm", "-10 m"]', "load = ": '"100 N"'}
-    more = [(BIAS, f'kind = "off-axis-tension"\n{key}{value[key]}')]
+    more = [(BIAS, f'kind = "off-axis-tension"\nfinite = false\n{key}{value[key]}')]
     path = case_file(tmp_path, more=more)
     if "load" not in key:
         with pytest.raises(InputError) as caught:

@@ -48,8 +48,8 @@ def machine(monkeypatch):
             r"where there are 16 GB, choose a larger continuum.mesh_size",
         ),
         (
-            ["continuum.compare=true", 'continuum.mesh_size="1e-300 m"', "test.finite=true"],
-            "the membrane has about inf triangles",
+            ["continuum.compare=true", 'continuum.mesh_size="1e-12 m"', "test.finite=true"],
+            r"the membrane has about 8e\+22 triangles",
         ),
         (
             ["continuum.ladder=[1, 1000000000]"],
@@ -58,14 +58,9 @@ def machine(monkeypatch):
         (["continuum.ladder=[1, 90]"], "refine = 90 of continuum.ladder has about 9,330,000 cross"),
         (["preform.refine=100000"], r"the test has about 1.15e\+13 crossovers.* coarser pitch"),
         (
-            ["test.finite=true", "test.increments=1000000000"],
-            "the test has about 1,150 crossovers and 6,910 unknowns, "
-            "which would take about .* years on 1 rank: "
+            ["test.finite=true", "preform.refine=40", "test.increments=100000"],
+            "the test has about .* which would take about .* days on 1 rank: "
             "choose a coarser pitch .* or fewer increments or more ranks",
-        ),
-        (
-            ["test.finite=true", "preform.refine=20", "test.increments=300000"],
-            "would take about 3.2e.02 days",
         ),
     ],
     ids=str,
@@ -78,9 +73,9 @@ def test_refused_before_anything_is_made(tmp_path, overrides, message):
 
 
 def test_states_that_are_kept(tmp_path, monkeypatch):
-    """A list of 100,000 extensions is as many states in memory."""
-    extensions = ", ".join(f'"{i} um"' for i in range(1, 20_001))
-    made = case(tmp_path, f"test.extension=[{extensions}]", "preform.refine=4")
+    """A list of 9,000 extensions is as many states in memory."""
+    extensions = ", ".join(f'"{i} um"' for i in range(1, 9_001))
+    made = case(tmp_path, f"test.extension=[{extensions}]", "preform.refine=6")
     with pytest.raises(InputError, match="the test has about .* crossovers .* GB of memory"):
         check_work(MPI.COMM_SELF, made)
 

@@ -21,8 +21,8 @@ from cruciform_petsc.net.network import _BYTES, Network
     [
         {"refine": 10**6},
         {"refine": 10**9},
-        {"width": 1e9, "length": 1e9},
-        {"width": 0.1, "length": 1e9},
+        {"width": "1e9 m", "length": "1e9 m"},
+        {"width": 0.1, "length": "1e9 m"},
     ],
 )
 def test_absurd_networks_are_refused_at_once(options):

@@ -18,6 +18,9 @@ _KEY = re.compile(
 )
 _UNKNOWN = re.compile(r'(?:\[([\w.[\]]+)\]|the case file) has the unknown key "(.*?)" \(')
 
+# Letters that are read to find lines, with what is read again: keys farther on get none.
+_MOST_READ = 2_000_000
+
 Path = tuple[str, ...]
 
 
@@ -32,9 +35,13 @@ def key_lines(text: str) -> dict[Path, int]:
     found: dict[Path, int] = {}
     table: Path = ()
     count: dict[str, int] = {}  # of arrays of tables, [[tool]]
+    left = _MOST_READ
     while begins:
         begin = begins.pop(0)
         for k, end in enumerate([*begins, len(lines)]):
+            left -= sum(map(len, lines[begin:end]))
+            if left < 0:
+                return found
             try:
                 data = tomllib.loads("\n".join(lines[begin:end]))
             except tomllib.TOMLDecodeError:

@@ -143,10 +143,11 @@ class Fabric:
             )
         if self.shear_law is None:
             problems += _number("shear.modulus", self.shear_modulus, "N/m")
-        problems += _number("tension.compression", self.compression, wanted="above 0 and at most 1")
-        problems += _number("tension.compression_width", self.compression_width)
-        for key in ("compression", "compression_width"):
-            problems += _size(f"tension.{key}", getattr(self, key), "1")
+        for key, wanted in (
+            ("compression", "above 0 and at most 1"), ("compression_width", "positive and finite")
+        ):  # fmt: skip
+            found = list(_number(f"tension.{key}", getattr(self, key), wanted=wanted))
+            problems += found or _size(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
                 problems += _number(name, getattr(self, name), unit)

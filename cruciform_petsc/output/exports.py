@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..net.lattice import ARM_STEP, QUADRANTS
+from ..net.lattice import ARM_STEP
 from .abaqus import input_file
 from .cells import thickening
 from .folder import prepare_directory
@@ -121,16 +121,16 @@ def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str,
 def _yarn_rotations(result: TestResult, state: State) -> np.ndarray:
     """Rotations of warp and weft from rest at this rank's crossovers, radians; (n_owned, 2).
 
-    Collective when the state's fields are first asked for. Means over the quadrants as those of
-    the fields: their difference is the shear angle. Crossovers whose fields are none, because they
-    carry nothing, turn with their arms.
+    Collective when the state's fields are first asked for. Those at the hinge, as of the fields:
+    their difference is the shear angle. Crossovers whose fields are none, because they carry
+    nothing, turn with their arms.
     """
     network, supports, fields = result.network, result.supports, state.fields
-    area = network.quadrant_area.copy()
-    area[network.boundary_crossovers] = supports.quadrant_area
-    share = area / np.maximum(area.sum(axis=1, keepdims=True), 1e-300)
-    rotation = np.einsum("nq,nqf->nf", share, fields["arm_rotation"][:, QUADRANTS])
-    loose = np.flatnonzero(~supports.carrying | (area.sum(axis=1) == 0.0))
+    share = np.full(network.arm_length.shape, 0.5)
+    share[network.boundary_crossovers] = supports.hinge_share
+    turned = share * fields["arm_rotation"]
+    rotation = np.stack([turned[:, ::2].sum(axis=1), turned[:, 1::2].sum(axis=1)], axis=1)
+    loose = np.flatnonzero(~supports.carrying | (share.sum(axis=1) == 0.0))
     moved = state.node_displacement[network.arm_node[loose]]
     moved = network.to_yarn(moved - fields["displacement"][loose, None])
     rest = network.arm_length[loose][..., None] * ARM_STEP

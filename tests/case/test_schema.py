@@ -534,7 +534,7 @@ def test_bad_override(write, override):
             'solver.options "ksp_rtol" must be a number from 1e-16 to 1, got [1]',
         ),
         (
-            ["test.space=true"],
+            ["test.finite=false", "test.space=true"],
             "test.space = true needs finite = true: small displacements are flat",
         ),
         (
@@ -585,15 +585,18 @@ def test_bending_needs_a_bending_rigidity(write):
 
 
 def test_missing_keys(tmp_path):
-    """An empty file is told what it lacks."""
+    """A file that says nothing is told what it lacks; an empty one, that it is."""
     path = tmp_path / "empty.toml"
-    path.write_text("")
+    path.write_text("# nothing\n")
     with pytest.raises(InputError) as caught:
         Case.load(path)
     assert str(caught.value) == (
         f'case file "{path}" has 3 problems:\nfabric is missing\npreform is missing\n'
         "test is missing"
     )
+    path.write_text("\n")
+    with pytest.raises(InputError, match="is empty$"):
+        Case.load(path)
 
 
 def test_files(tmp_path, write):

@@ -32,6 +32,7 @@ from cruciform_petsc.errors import EquilibriumError, InputError, SolverError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.biaxial import Biaxial
 from cruciform_petsc.experiments.cantilever import Cantilever
+from cruciform_petsc.experiments.finite import FiniteTest
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.experiments.picture_frame import PictureFrame
 from cruciform_petsc.net.edges import Constraints
@@ -757,8 +758,9 @@ def test_increments_are_cut(monkeypatch):
 
 def test_steps_are_the_usual_ones_after_a_value(monkeypatch):
     """A step that was cut on the way to one value is not remembered on the way to the next."""
-    monkeypatch.setattr("cruciform_petsc.equilibrium.follow.EASY", 0)  # steps do not grow
-    solve_, calls = Equilibrium.solve, []
+    stage = FiniteTest.stage
+    monkeypatch.setattr(FiniteTest, "stage", lambda self: replace(stage(self), easy=0))
+    solve_, calls = Equilibrium.solve, []  # steps do not grow
 
     def fails_once(self, guess):
         calls.append(guess.time)

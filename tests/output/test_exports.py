@@ -277,13 +277,13 @@ def test_crossovers_that_carry_nothing(tmp_path):
     assert len(deck.element) == 3
 
 
-def test_directions_are_means_over_the_quadrants_that_carry(tmp_path):
-    """As the shear angle is; here but one quadrant carries, between arms 1 and 2, then 2 and 3."""
+def test_directions_are_those_at_the_hinge(tmp_path):
+    """As the shear angle is; here but two arms lead there, 1 and 2, then 2 and 3."""
     network = square(2)
     result = moved(network, np.eye(2))
     turn = np.deg2rad([10.0, 2.0, 30.0, 4.0])
-    for row, quadrant in ((0, 0), (1, 1)):
-        result.supports.quadrant_area[row] = np.eye(4)[quadrant]
+    for row, leads in ((0, [1, 1, 0, 0]), (1, [0, 1, 1, 0])):
+        result.supports.hinge_share[row] = leads
         result.fields["arm_rotation"][network.boundary_crossovers[row]] = turn
     table = read_table(export(result, tmp_path)[0])
     for row, warp in ((0, 10.0), (1, 30.0)):

@@ -201,7 +201,7 @@ def test_vtk_reads_cloth_in_space(tmp_path):
         Network(COMM, preform, TABLE_1), "0.5 %", ratio=-1, finite=True, space=True,
         imperfection={"height": "0.1 mm", "seed": 2},
     ).solve()  # fmt: skip
-    write(result, tmp_path / "network.vtkhdf")
+    write_state(tmp_path / "network.vtkhdf", result)
     points, _, point, cell = read_vtkhdf(tmp_path / "network.vtkhdf")
     assert abs(points[:, 2]).max() > 2e-5
     np.testing.assert_allclose(point["displacement"][:, 2], points[:, 2], atol=1e-15)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from cruciform_petsc.experiments.result import State, TestResult
+from cruciform_petsc.net.lattice import OPPOSITE
 from cruciform_petsc.quantities import EXTENSION
 from support.helpers import TABLE_1
 
@@ -72,8 +73,9 @@ def moved(network, gradient, loose=()) -> TestResult:
     stretch = np.hypot(*axes.T)
     turn = np.arctan2(frame[:, 0] * axes[:, 1] - frame[:, 1] * axes[:, 0], (frame * axes).sum(1))
     on = ~np.isin(network.crossover_number_global, loose)
+    leads = network.arm_length[network.boundary_crossovers] > 0
     supports = SimpleNamespace(
-        carrying=on, quadrant_area=network.quadrant_area[network.boundary_crossovers]
+        carrying=on, hinge_share=leads / np.maximum(1.0 * leads + leads[:, OPPOSITE], 1.0)
     )
     rotation = np.where(on[:, None], turn[[0, 1, 0, 1]], 0.0)
     fields = {
