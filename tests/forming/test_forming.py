@@ -139,6 +139,18 @@ def test_run_and_check(tmp_path, capfd):
     }  # fmt: skip
 
 
+def test_pictures_and_report(tmp_path):
+    """The page has what was formed, forces and draw-in; the picture in space where VTK can draw."""
+    path, folder = written(tmp_path), tmp_path / "out"
+    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
+    drawn = {path.name for path in folder.glob("*.png")}
+    assert drawn >= {"tool_forces.png", "draw_in.png", "energy.png"}
+    page = (folder / "report.html").read_text()
+    for text in ("Forming", "punch, force along z", "[[tool]]", "[[stage]]", "Wrinkles start from"):
+        assert text.lower() in page.lower()
+    assert page.count("<img") == len(drawn)
+
+
 def test_series_of_cloth_and_tools(tmp_path):
     """The same times in both files; the punch moves, the die does not; units stand in names."""
     import h5py
