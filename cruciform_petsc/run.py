@@ -404,6 +404,7 @@ class _FormingRun(_Run):
         if result.steps:
             with self.stages.stage("write", "results written"):
                 formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
+                formed.write_outline(self.directory, forming, result.states[-1])
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)

@@ -83,7 +83,9 @@ def last(values):
 
 
 def test_every_demo_is_listed():
-    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(FINITE) | FORMING | ELSEWHERE
+    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(
+        FINITE
+    ) | FORMING | ELSEWHERE
 
 
 @pytest.mark.parametrize("demo", sorted(SMALL))

@@ -66,6 +66,31 @@ class DrawIn:
         }
 
 
+def outline(blank: Blank, state: State) -> np.ndarray:
+    """Yarn ends along the outline, on rank 0; none on other ranks. Collective.
+
+    Returns
+    -------
+    float (n, 6)
+        Number of the ring (0 the exterior, then the holes), x and y of the flat blank, and x, y, z
+        now, m; along each ring, the cloth on the left.
+    """
+    network = blank.network
+    moved = blank.ply.displacement(blank.of_cloth(state))[1]
+    ends = np.flatnonzero(network.node_is_boundary[: network.num_nodes_owned])
+    rest, polygon = network.node_position[ends], network.preform.outline
+    points, rows = shapely.points(rest), []
+    for number, ring in enumerate((polygon.exterior, *polygon.interiors)):
+        near = shapely.distance(ring, points) <= SHORTEST_ARM * network.pitch.max()
+        place = np.pad(rest[near], ((0, 0), (0, 1)), constant_values=0.5 * blank.thickness)
+        along = shapely.line_locate_point(ring, points[near])
+        kind = np.full(len(along), number)
+        rows.append(np.column_stack([kind, along, rest[near], place + moved[ends[near]]]))
+    gathered = blank.comm.gather(np.concatenate(rows))
+    table = np.zeros((0, 7)) if gathered is None else np.concatenate(gathered)
+    return table[np.lexsort(table[:, 1::-1].T)][:, [0, 2, 3, 4, 5, 6]]
+
+
 def contact_fields(blank: Blank, state: State) -> dict[str, np.ndarray]:
     """Pressure and distances at the cloth's local nodes; NaN where nothing can touch. Collective.
 

@@ -134,6 +134,16 @@ def test_run_and_check(tmp_path, capfd):
     assert max(shear) == pytest.approx(summary["shear_max_deg"])
     warp = np.array([[float(row[f"warp_{a}"]) for a in "xyz"] for row in fields])
     np.testing.assert_allclose(np.linalg.norm(warp, axis=1), 1.0, atol=1e-9)
+    with (folder / "outline.csv").open() as file:
+        ends = list(csv.DictReader(file))
+    assert len(ends) == 4 * 13  # of 13 warp and 13 weft yarns
+    place = np.array([[float(row[key]) for key in ("x_rest_mm", "y_rest_mm")] for row in ends])
+    assert np.isclose(abs(place).max(axis=1), 28.0).all()
+    steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    assert steps.max() < 5.0  # in order along the outline, 4.17 mm apart
+    drawn = 28.0 - min(abs(float(row["x_mm"])) for row in ends if float(row["x_rest_mm"]) > 27.9)
+    assert drawn == pytest.approx(summary["draw_in_mm"]["right"])
+    assert (folder / "outline.svg").read_text().count("<polygon") == 2
     assert {path.name for path in folder.iterdir() if path.suffix == ".vtkhdf"} == {
         "series.vtkhdf", "tools.vtkhdf",
     }  # fmt: skip
