@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
+VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
 
 
@@ -167,6 +168,13 @@ def summarize(
             f"which is {format_si(forming.thickness, 'm')} thick: a finer net, or a larger "
             "test.contact.stiffness, brings it nearer to them"
         )
+    energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
+    share = energy["viscous"] / max(sum(energy.values()), 1e-300)
+    if share > VISCOUS:
+        warnings.append(
+            f"viscosity has taken {100.0 * share:.0f} % of the energy, so that results depend on it: "
+            "a smaller test.contact.viscosity, or a last stage in which nothing moves, may help"
+        )
     summary |= {
         "warnings": warnings,
         "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
@@ -174,10 +182,7 @@ def summarize(
         **shear_figures(blank, fields),
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
         "penetration_max_mm": MM * deepest,
-        "energy_j": {
-            **{mode: last.increment.energies[mode] for mode in ENERGIES},
-            **last.spent,
-        },
+        "energy_j": energy,
         "work_of_tools_j": last.work,
     }
     return summary

@@ -17,6 +17,7 @@ from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.formed import stage_number
 
 COMM = MPI.COMM_SELF
+SYRUP = 'gravity = true\ncontact = { viscosity = "1e6 N s/m^3" }'
 KEYS = {
     "stages", "tool_force_n", "shear_max_deg", "shear_p99_deg", "draw_in_mm", "penetration_max_mm",
     "energy_j", "contact", "crossovers", "dofs", "wall_s", "peak_mib_per_rank", "warnings",
@@ -210,6 +211,24 @@ def test_what_cannot_go_on_keeps_what_it_reached(tmp_path, capfd):
     assert summary["ended_early"] in told
     assert summary["stages"][0]["steps"] == 1
     assert (folder / "fields.csv").exists()
+
+
+def test_weight_rests_on_the_disc(tmp_path, capfd):
+    """Cloth laid on a plate presses with its weight; viscosity that counts is told."""
+    tools = CASE[CASE.index("[[tool]]") : CASE.index("[[stage]]")]
+    stages = CASE[CASE.index("[[stage]]") :]
+    plate = "[[tool]]\nname = 'plate'\nshape = {{ ring = {{ outer_radius = '{} mm' }} }}\n"
+    rest = "[[stage]]\nname = 'rest'\n"
+    more = 'imperfection = { height = "0 mm" }\ngravity = true'
+    old = 'imperfection = { height = "0 mm" }'
+    path = written(tmp_path, (tools, plate.format(60)), (stages, rest), (old, more))
+    _, result = formed(COMM, path)
+    weight = 0.576 * 9.80665 * 0.056**2
+    assert result.steps[-1].tool_force["plate"][2] == pytest.approx(weight, rel=1e-3)
+    text = path.read_text().replace("60 mm", "10 mm").replace("gravity = true", SYRUP)
+    path.write_text(f"{text}[output]\npictures = false\n")
+    assert main(["run", str(path), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "viscosity has taken" in capfd.readouterr().out
 
 
 def test_stage_of_a_time():
