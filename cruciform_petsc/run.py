@@ -41,6 +41,7 @@ from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
+from .solvers.options import unused_options
 
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
@@ -395,7 +396,8 @@ class _FormingRun(_Run):
         record = formed.Record(forming, self.directory / "forces.csv", log)
         result = self._form(forming, record)
         told = formed.summarize(case, forming, result, record, statistics)
-        for sentence in told.pop("warnings", []):
+        unused = unused_options(comm, forming.options)
+        for sentence in [*told.pop("warnings", []), *unused]:
             self.summary["warnings"].append(sentence)
             log.warning("warning       %s", sentence)
         self.summary |= told

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
+from ..experiments.limits import remarks
 from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
@@ -92,7 +93,8 @@ class Forming:
         self.plans = [stage.plan(self.below) for stage in self.stages]
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
-        self.remarks = [r for tool in self.tools for r in tool.remarks(self.thickness)]
+        self.remarks = remarks(network.preform, fabric, test)
+        self.remarks += [r for tool in self.tools for r in tool.remarks(self.thickness)]
         self.remarks += self._clearances()
         if height == 0.0:
             self.remarks.append("without test.imperfection wrinkles start from rounding, if at all")

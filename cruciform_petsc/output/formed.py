@@ -172,7 +172,7 @@ def summarize(
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
     if share > VISCOUS:
         warnings.append(
-            f"viscosity has taken {100.0 * share:.0f} % of the energy, so that results depend on it: "
+            f"viscosity has taken {100.0 * share:.0f} % of the energy, so results depend on it: "
             "a smaller test.contact.viscosity, or a last stage in which nothing moves, may help"
         )
     summary |= {
