@@ -3,11 +3,13 @@
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from support.forming import CASE, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.table import below_cloth
+from cruciform_petsc.net.network import Network
 
 DRAW = 'travel = { punch = ["0 mm", "0 mm", "-6 mm"] }'
 CLOSE = 'force = { holder = "5 N" }'
@@ -132,3 +134,18 @@ def test_the_origin_is_the_centre(tmp_path):
     np.testing.assert_allclose(preform.outline.bounds, [-0.028, -0.028, 0.028, 0.028], atol=1e-15)
     np.testing.assert_allclose(preform.lattice_origin, [1e-3, 0.0], atol=1e-15)
     assert {"lower", "upper", "left", "right"} < set(preform.edges)
+
+
+def test_files_of_tools_are_relative_to_the_case(tmp_path, monkeypatch):
+    """Wherever the program is started, and with an empty or a missing name refused."""
+    monkeypatch.chdir("/")
+    shape = 'shape = { sphere = { radius = "12 mm", shaft = true } }'
+    case = Case.load(written(tmp_path, (shape, 'shape = { file = "punch.stl", unit = "mm" }')))
+    assert case.tools[1].shape.file == str(tmp_path / "punch.stl")
+    assert Case.from_data(case.model_dump()) == case
+    network = Network(MPI.COMM_SELF, case.preform(), case.fabric())
+    with pytest.raises(InputError, match=r'tool "punch": .*punch.stl'):
+        case.forming(network)
+    path = written(tmp_path, (shape, 'shape = { file = "" }'))
+    with pytest.raises(InputError, match=r"tool\[1\].shape.file must be a name that is not empty"):
+        Case.load(path)
