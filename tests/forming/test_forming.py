@@ -233,3 +233,9 @@ def test_weight_rests_on_the_disc(tmp_path, capfd):
 
 def test_stage_of_a_time():
     assert [stage_number(t) for t in (0.0, 0.3, 1.0, 1.2, 2.0)] == [0, 0, 0, 1, 1]
+
+
+def test_no_resume_is_offered(tmp_path, capfd):
+    """There are no checkpoints of a forming, and it is said."""
+    assert main(["resume", str(written(tmp_path))]) == 2
+    assert "a forming keeps no checkpoints, begin anew with" in capfd.readouterr().err
