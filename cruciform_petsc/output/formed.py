@@ -165,8 +165,8 @@ def summarize(
     if deepest > MUCH * forming.thickness:
         warnings.append(
             f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
-            f"which is {format_si(forming.thickness, 'm')} thick: a finer net, or a larger "
-            "test.contact.stiffness, brings it nearer to them"
+            f"which is {format_si(forming.thickness, 'm')} thick: a larger "
+            "test.contact.stiffness, or a finer net, brings it nearer to them"
         )
     energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
