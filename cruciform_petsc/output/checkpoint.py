@@ -605,6 +605,8 @@ def reopen(
                 "a test at small displacements is one system of equations and has no checkpoints, "
                 f"{ANEW} {target}"
             )
+        if case.stages:
+            raise InputError(f"a forming keeps no checkpoints, {ANEW} {target}")
         directory = prepare_directory(comm, case.output.directory if output is None else output)
     elif not on_root(comm, lambda: _found(directory)):
         raise InputError(_nothing_there(directory))
