@@ -113,6 +113,8 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         try:
             work()
             process.check_output()
+            if process.came:  # an interrupt that got lost on its way
+                raise KeyboardInterrupt
         except CruciformError as error:
             if process.came:  # an interrupt that was taken for something else
                 return _interrupted(control, hint)
