@@ -580,8 +580,9 @@ class Checkpoint:
             with suppress(OSError, InputError):
                 # First what tells that there is something to go on from: it would need all else.
                 for number, name in enumerate((PREVIOUS, NEWEST)):
-                    if (self.folder / name).exists():
-                        (self.folder / name).rename(self.folder / f"new-{number}")
+                    part = self.folder / name
+                    if part.exists() and all(re.fullmatch(FILES, f.name) for f in part.iterdir()):
+                        part.rename(self.folder / f"new-{number}")
                 _remove(self.folder)
             unlock_directory(self.directory)
         self.comm.barrier()
