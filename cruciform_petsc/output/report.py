@@ -120,7 +120,7 @@ def write_report(
             at=at,
             tension=tension_text(summary["yarn_tension_max"]),
             maps=gallery(maps, captions, at, experiment.colour),
-            jagged=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
+            striped=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             curves=gallery(curves, captions),
             results=curve_table(curve),
             measured_table=_measured(summary.get("measured", {})),

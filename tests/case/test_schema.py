@@ -321,6 +321,7 @@ def test_bad_override(write, override):
         (["test=3"], "test must be a table, got 3"),
         (["title=3"], "title must be a text in quotes, got 3"),
         (['output.directory=""'], "output.directory must be a name that is not empty, got ''"),
+        (['output.directory=" "'], "output.directory must be a name that is not empty, got ' '"),
         (["test.upper=clamp"], 'test.upper must be "grip" or "centre-line", got \'clamp\''),
         (
             ["test.kind=bias-extention"],
