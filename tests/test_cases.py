@@ -273,6 +273,7 @@ def test_remarks_warn_in_python():
     with pytest.warns(InputWarning, match="width and length swapped") as caught:
         test = BiasExtension(network, extension="1 mm")
     assert [str(one.message) for one in caught] == test.remarks
+    assert caught[0].filename == __file__  # the line to be mended, not one of the program
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         BiasExtension(Network(MPI.COMM_SELF, Preform.rectangle(0.05, 0.12), TABLE_1), "1 mm")
