@@ -114,9 +114,10 @@ def shown(value: object, most: int = 80) -> str:
 
 
 def unknown(what: str, name: object, known: Iterable[str]) -> InputError:
-    """There is no such thing; the closest of those that there are, and all of them."""
+    """There is no such thing; what begins so or is closest of those that there are, and all."""
     known = list(known)
-    close = get_close_matches(str(name), known, 1, 0.5)
+    begun = [one for one in known if str(name) and one.startswith(str(name))]
+    close = begun or get_close_matches(str(name), known, 1, 0.5)
     hint = f'did you mean "{close[0]}"? ' if close else ""
     quoted = ", ".join(f'"{one}"' for one in known)
     return InputError(f"there is no {what} ({hint}known: {quoted})")

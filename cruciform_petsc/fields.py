@@ -112,7 +112,9 @@ def _one_line(title: str) -> str:
     return title
 
 
-def _without_zero(name: str) -> str:
+def _name(name: str) -> str:
+    if name and not name.strip():
+        raise ValueError(f"must be a name that is not empty, got {shown(name)}")
     if "\0" in name:
         raise ValueError(f"must be a name without a zero character, got {shown(name)}")
     return name
@@ -133,7 +135,7 @@ Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
 Pairs = Annotated[list[Pair], Field(min_length=1, max_length=_MOST_ROWS)]
 Title = Annotated[str, Field(max_length=500), AfterValidator(_one_line)]
-Name = Annotated[str, Field(min_length=1, max_length=_LONGEST), AfterValidator(_without_zero)]
+Name = Annotated[str, Field(min_length=1, max_length=_LONGEST), AfterValidator(_name)]
 
 
 def _plain(value: Any, above: str, loc: tuple = (), count: list[int] | None = None) -> Any:

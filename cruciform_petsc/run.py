@@ -244,7 +244,8 @@ class _Run:
         try:
             yield
         except InputError as error:
-            if self.checkpoint is None or "cruciform-petsc resume" in str(error):
+            told = ("cruciform-petsc resume", "cruciform-petsc run")  # either is enough
+            if self.checkpoint is None or any(words in str(error) for words in told):
                 raise
             hint = self.checkpoint.hint()
             raise InputError(f"{error}{'; ' if hint else ''}{hint}") from None

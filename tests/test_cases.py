@@ -146,6 +146,13 @@ def test_laws_in_python_that_cannot_be():
 
 BIAS = 'kind = "bias-extension"\nfinite = true\nextension = ["2 mm", "5 mm"]'
 HOLE = '], holes = [[["0 mm", "20 mm"], ["0.2 mm", "20 mm"], ["0 mm", "20.2 mm"]]] }'
+_HOLES = [
+    f'["{x} mm", "20 mm"], ["{x + w} mm", "20 mm"], ["{x} mm", "22 mm"]'
+    for x, w in ((0, 9), (12, 0.2), (14, 0.2), (16, 0.2))
+]
+HOLES = f"], holes = [{', '.join(f'[{corners}]' for corners in _HOLES)}] }}".replace(
+    "22 mm", "20.2 mm"
+)
 REMARKS = {
     "swapped": ({"sides": '"120 mm", "50 mm"'}, "H < 2 W: yarns run from clamp to clamp and carry"),
     "short": ({"sides": '"50 mm", "80 mm"'}, "H < 2 W: the usual zones of a bias test"),
@@ -180,6 +187,11 @@ REMARKS = {
     "hole in um": (
         {"more": [('"120 mm"] }', f'"120 mm"{HOLE}')]},
         "hole-1 of preform.outline is 0.2 mm large, less than a tenth",
+    ),
+    "holes in um": (
+        {"more": [('"120 mm"] }', f'"120 mm"{HOLES}')]},
+        "hole-2 of preform.outline is 0.2 mm large, less than a tenth of the distance of yarns, "
+        "and so are 2 others, which",
     ),
     "thickness in cm": (
         {"more": [("[preform]", 'thickness = "5 cm"\n[preform]')]},
@@ -261,6 +273,7 @@ def test_remarks_warn_in_python():
     with pytest.warns(InputWarning, match="width and length swapped") as caught:
         test = BiasExtension(network, extension="1 mm")
     assert [str(one.message) for one in caught] == test.remarks
+    assert caught[0].filename == __file__  # the line to be mended, not one of the program
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         BiasExtension(Network(MPI.COMM_SELF, Preform.rectangle(0.05, 0.12), TABLE_1), "1 mm")

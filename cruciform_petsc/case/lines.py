@@ -35,18 +35,19 @@ def key_lines(text: str) -> dict[Path, int]:
     found: dict[Path, int] = {}
     table: Path = ()
     count: dict[str, int] = {}  # of arrays of tables, [[tool]]
-    left = _MOST_READ
-    while begins:
-        begin = begins.pop(0)
-        for k, end in enumerate([*begins, len(lines)]):
-            left -= sum(map(len, lines[begin:end]))
+    left, at = _MOST_READ, 0
+    while at < len(begins):
+        begin = begins[at]
+        while at < len(begins):
+            at += 1
+            end = begins[at] if at < len(begins) else len(lines)
+            left -= sum(map(len, lines[begin:end])) + end - begin
             if left < 0:
                 return found
             try:
                 data = tomllib.loads("\n".join(lines[begin:end]))
             except tomllib.TOMLDecodeError:
                 continue
-            del begins[:k]
             header = lines[begin].lstrip().startswith("[")
             paths = list(_paths(data))
             if header and lines[begin].lstrip().startswith("[["):

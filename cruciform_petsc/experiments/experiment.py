@@ -113,8 +113,9 @@ class Experiment:
         self.test = test = self.table.from_data(data, "test", bare=True)
         test.check(network.preform, network.fabric)
         self.remarks = remarks(network.preform, network.fabric, test)
+        own = type(self).__init__ is not Experiment.__init__  # one call more from the user's line
         for sentence in self.remarks if network.comm.rank == 0 else ():
-            warnings.warn(sentence, InputWarning, stacklevel=2)
+            warnings.warn(sentence, InputWarning, stacklevel=2 + own)
         self.is_curve, self.by_load = test.is_curve, test.control != self.control
         self.values = np.array(test.values_si)
         if not self.values.any():

@@ -48,13 +48,16 @@ def _sizes(preform: Preform, fabric: Fabric, test: KindTable) -> Iterator[str]:
     size = f"{si_text(width, 'm')} wide and {si_text(length, 'm')} long"
     if max(width, length) > min(LARGE, SLENDER * min(width, length)):
         yield f"preform.outline is {size}, which unit is meant?"
-    for number, hole in enumerate(preform.outline.interiors, 1):
-        across = float(np.ptp(np.asarray(hole.coords), axis=0).max())
-        if across < 0.1 * min(fabric.warp.spacing, fabric.weft.spacing):
-            yield (
-                f"hole-{number} of preform.outline is {si_text(across, 'm')} large, less than a "
-                "tenth of the distance of yarns, which unit is meant?"
-            )
+    across = [np.ptp(np.asarray(h.coords), axis=0).max() for h in preform.outline.interiors]
+    small = np.array(across) < 0.1 * min(fabric.warp.spacing, fabric.weft.spacing)
+    if small.any():
+        first, others = int(small.argmax()), np.count_nonzero(small) - 1
+        yield (
+            f"hole-{first + 1} of preform.outline is {si_text(across[first], 'm')} large, less "
+            "than a tenth of the distance of yarns"
+            + (f", and so are {others} others" if others else "")
+            + ", which unit is meant?"
+        )
     if fabric.thickness is not None and fabric.thickness > 10.0 * fabric.warp.spacing:
         yield (
             f"fabric.thickness = {si_text(fabric.thickness, 'm')} is more than ten times the "

@@ -152,8 +152,8 @@ def prepare_directory(comm: MPI.Intracomm, path: str | Path) -> Path:
     It may be a link to one. Collective; an InputError on every rank if a file is in the way, or if
     it cannot be made or written to.
     """
-    if not str(path):
-        raise InputError("--output must be a name that is not empty, got ''")
+    if not str(path).strip():
+        raise InputError(f"--output must be a name that is not empty, got {str(path)!r}")
     folder = Path(path)
 
     @explaining(f'output folder "{folder}" cannot be written', also=ValueError)  # a null byte

@@ -114,7 +114,7 @@ def write_report(
             "note": f"{_sentence(at)} Largest yarn tension: "
             f"{tension_text(summary['yarn_tension_max'])}.",
             "maps": gallery(maps, captions, at, experiment.colour),
-            "jagged": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
+            "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
             "results": curve_table(curve),
             "measured_table": _measured(summary.get("measured", {})),
@@ -155,7 +155,7 @@ def write_forming_report(
             "key_figures": _forming_figures(summary),
             "note": _sentence(at),
             "maps": gallery(maps, CAPTIONS, at),
-            "jagged": False,
+            "striped": False,
             "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
             "results": Table(list(results), [rows[i] for i in asked]),
             "measured_table": None,

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Problems of a case file: all of them, each with its line."""
 
+import time
 import tomllib
 
 import pytest
@@ -89,6 +90,16 @@ def test_what_only_building_tells_has_its_line(tmp_path):
     assert lines == ["line 7", "line 7"]  # an edge that is not there; and no rectangle
     with pytest.raises(InputError, match='^.output. has the unknown key "picture"'):
         Case.load(path, [*good, "test={kind='bias-extension', extension='1 mm'}"])
+
+
+@pytest.mark.parametrize("form", ["k{n} = 1", "[k{n}]", "k{n} = [\n\n\n1]"])
+def test_lines_of_many_keys_take_no_time(form):
+    """Of sixty thousand keys: each is looked at once, not each with all that follow."""
+    text = "\n".join(form.format(n=n) for n in range(60_000))
+    begin = time.perf_counter()
+    found = key_lines(text)
+    assert time.perf_counter() - begin < 4.0
+    assert found["k2",] == 1 + 2 * (1 + form.count("\n"))
 
 
 def test_one_problem_is_one_sentence(tmp_path):

@@ -321,7 +321,14 @@ def test_bad_override(write, override):
         (["test=3"], "test must be a table, got 3"),
         (["title=3"], "title must be a text in quotes, got 3"),
         (['output.directory=""'], "output.directory must be a name that is not empty, got ''"),
+        (['output.directory=" "'], "output.directory must be a name that is not empty, got ' '"),
         (["test.upper=clamp"], 'test.upper must be "grip" or "centre-line", got \'clamp\''),
+        (
+            ["test.kind=bias"],  # nearer to "biaxial" by its letters
+            'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
+            '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
+            '"pantograph")',
+        ),
         (
             ["test.kind=bias-extention"],
             'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '

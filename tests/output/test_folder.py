@@ -309,8 +309,10 @@ def test_an_empty_name_is_no_folder(tmp_path, capsys, monkeypatch):
         ["compare", ".", "data.csv"],
     ):
         before = names(tmp_path)
-        assert main([*words, "--output", ""]) == 2
-        assert "must be a name that is not empty, got ''" in capsys.readouterr().err
+        for blank in ("", " "):
+            assert main([*words, "--output", blank]) == 2
+            said = f"must be a name that is not empty, got {blank!r}"
+            assert said in capsys.readouterr().err
         assert names(tmp_path) == before
     with pytest.raises(InputError):
         prepare_directory(COMM, "")
