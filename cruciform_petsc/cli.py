@@ -113,6 +113,8 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         try:
             work()
             process.check_output()
+            if process.came:  # an interrupt that got lost on its way
+                raise KeyboardInterrupt
         except CruciformError as error:
             if process.came:  # an interrupt that was taken for something else
                 return _interrupted(control, hint)
@@ -220,7 +222,8 @@ def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
     """
     case, directory = _case_and_folder(comm, args)
-    args.running.append(directory)
+    if not case.stages:  # a forming keeps no checkpoints
+        args.running.append(directory)
     from .run import run_case
 
     run_case(comm, case, directory, args.log)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 LONGEST = 1e7  # s; some four months
 NEWTON = 4.0  # steps of an increment
+FORMING = 4  # times that, of a step of forming: contacts switch, friction settles
 # Of a crossover: bytes and seconds of a linear system at small displacements, of a tangent, of one
 # in space; of a state that is kept.
 _SMALL, _FINITE, _SPACE, _STATE = (11e3, 40e-6), (17e3, 50e-6), (56e3, 170e-6), 250.0
@@ -51,8 +52,12 @@ class Part:
 def estimate(case: Case) -> list[Part]:
     """Parts of a case, the test first. Nothing is made for it; numbers may be infinite."""
     test, continuum = case.test, case.continuum
-    values = len(test.values_si)
-    steps = max(values, test.increments or 1) if test.finite else 1
+    if case.stages:
+        values = sum(stage.results for stage in case.stages)
+        steps = FORMING * sum(stage.steps for stage in case.stages)
+    else:
+        values = len(test.values_si)
+        steps = max(values, test.increments or 1) if test.finite else 1
     parts = [_network(case, None, steps, values)]
     if not (continuum.compare or continuum.ladder):
         return parts
@@ -90,12 +95,12 @@ def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     each, seconds = _SPACE if space else _FINITE if finite else _SMALL
     # Two arm ends; at finite deformation hinges, too; rotations at small displacements.
     unknowns = crossovers * (9 if space else 6 if finite or case.test.bending else 4)
-    kept = _STATE * values * crossovers
+    kept = _STATE * (1 + len(case.tools)) * values * crossovers
     name, cure = "the test", "choose a coarser pitch (refine, yarns_per_cruciform)"
     if refine is not None:
         name, cure = f"refine = {refine} of continuum.ladder", "leave it out"
     elif steps > values and steps > 100:
-        cure += " or fewer increments"
+        cure += " or larger steps" if case.stages else " or fewer increments"
     return Part(
         name,
         f"about {_count(crossovers)} crossovers and {_count(unknowns)} unknowns",

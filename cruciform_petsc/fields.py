@@ -226,9 +226,11 @@ def _known_keys(model: type[Table], data: Any, path: Sequence[Any]) -> list[str]
     """Keys of the table at a place in some data."""
     for part in path:
         fields = {field.alias or name: field for name, field in model.model_fields.items()}
-        several = [item for item in fields[part].metadata if isinstance(item, OneOf)]
         data = data[part]
-        model = several[0].pick(data) if several else next(tables_in(fields[part].annotation))
+        if part in fields:  # else a place in a list, or a name in a table of tables
+            several = [item for item in fields[part].metadata if isinstance(item, OneOf)]
+            found = next(tables_in(fields[part].annotation), model)
+            model = several[0].pick(data) if several else found
     return model.keys()
 
 

@@ -27,7 +27,7 @@ ENDING: tuple[int, ...] = (
     signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT,
     signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU,
 )  # fmt: skip
-AGAIN = 1.0  # s
+AGAIN = 0.25  # s
 
 # Signals that ask this process to end, the first one first; SIGPIPE: nobody reads its output.
 came: list[int] = []
@@ -37,7 +37,7 @@ came: list[int] = []
 
 
 def _stop(number: int, _frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, and again each second: it may get lost on its way (in __del__)."""
+    """Raise KeyboardInterrupt, again and again: it may get lost on its way (in __del__)."""
     if number != signal.SIGALRM:
         came.append(number)
         if len(came) > 1:
@@ -45,6 +45,12 @@ def _stop(number: int, _frame: FrameType | None) -> None:
         signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
     if came:
         raise KeyboardInterrupt
+
+
+def _lost(error: Any) -> None:
+    """Tell what is raised where nobody can catch it, but for an interrupt, which comes again."""
+    if not issubclass(error.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(error)
 
 
 def ignore_signals() -> None:
@@ -72,6 +78,7 @@ def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
     """
     came.clear()
     before: dict[int, Any] = {}
+    tell, sys.unraisablehook = sys.unraisablehook, _lost
     try:
         for number in (*ENDING, signal.SIGALRM):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
@@ -79,6 +86,7 @@ def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
                     before[number] = signal.signal(number, _stop)
         yield
     finally:
+        sys.unraisablehook = tell
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if to_the_end else handler)

@@ -26,18 +26,22 @@ from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult
+from .forming.forming import Formed
+from .forming.kind import Forming
+from .forming.table import FormingTable
 from .net.network import Network
-from .output import figures, paraview, tables
+from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
 from .output.folder import OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.progress import Progress
-from .output.provenance import file_notes
-from .output.report import write_report
+from .output.provenance import file_notes, notes_on
+from .output.report import write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
+from .solvers.options import unused_options
 
 
 def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
@@ -53,7 +57,8 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
-    experiment = case.experiment(network)
+    forms = isinstance(case.test, FormingTable)
+    experiment = case.forming(network) if forms else case.experiment(network)
     for sentence in experiment.check():
         log.info("%s%s", INDENT, sentence)
     for sentence in experiment.remarks:
@@ -73,9 +78,10 @@ def run_case(
     there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
     every rank after all that was reached is on disk.
     """
+    kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
     with locked(comm, directory, OF_RUN, log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        return _Run(comm, case, directory, log, checkpoint).run()
+        return kind(comm, case, directory, log, checkpoint).run()
 
 
 def _size(case: Case) -> str:
@@ -366,3 +372,64 @@ class _Run:
                 except InputError as error:  # the results are worth more than a picture of them
                     self.log.warning("no scene.png: %s", error)
         return drawn
+
+
+class _FormingRun(_Run):
+    """A forming on the way to its results; all methods are collective. It has no checkpoints."""
+
+    def run(self) -> dict[str, Any]:
+        """All that `run_case` does."""
+        case, log, comm = self.case, self.log, self.comm
+        check_work(comm, case)
+        log.info("%s", case.title)
+        logs.tell_program(log, comm.size)
+        network, statistics = _make_network(comm, case, self.stages)
+        with self.stages.stage("set_up", "tools and blank set up"):
+            forming = case.forming(network)
+        for sentence in forming.check():
+            log.info("%s%s", INDENT, sentence)
+        self.summary["warnings"] = [*forming.remarks, *_remarks(case, network, None)]
+        for sentence in self.summary["warnings"]:
+            log.warning("warning       %s", sentence)
+        replaced = remove_results(comm, self.directory)
+        if replaced:
+            log.info("%sreplaces the results of %s", INDENT, replaced)
+        record = formed.Record(forming, self.directory / "forces.csv", log)
+        result = self._form(forming, record)
+        told = formed.summarize(case, forming, result, record, statistics)
+        unused = unused_options(comm, forming.options)
+        for sentence in [*told.pop("warnings", []), *unused]:
+            self.summary["warnings"].append(sentence)
+            log.warning("warning       %s", sentence)
+        self.summary |= told
+        if self.failure is not None:
+            self.summary["ended_early"] = str(self.failure)
+        if result.steps:
+            with self.stages.stage("write", "results written"):
+                formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
+                formed.write_outline(self.directory, forming, result.states[-1])
+                if case.output.paraview:
+                    notes = notes_on(network, forming.kind, case.model_dump())
+                    formed.write_series(self.directory, forming, result, notes)
+            drawn = []
+            if case.output.pictures:
+                with self.stages.stage("pictures", "pictures drawn"):
+                    drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
+        self._write_summary()
+        if result.steps:
+            if case.output.wants_report:
+                table = record.table()
+                write_forming_report(comm, self.directory, case, self.summary, table, drawn)
+            formed.tell_outcome(log, self.summary, self.directory)
+        if self.failure is not None:
+            raise self.failure
+        return self.summary
+
+    def _form(self, forming: Forming, record: formed.Record) -> Formed:
+        """Form; what ends it early is kept in ``failure``, with what was reached."""
+        with self.stages.stage("solve", "formed"):
+            try:
+                return forming.solve(record)
+            except EquilibriumError as error:
+                self.failure = error
+                return error.result or Formed(forming.blank)

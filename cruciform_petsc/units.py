@@ -70,6 +70,8 @@ MEASURES = {
     "1": ("a strain", "1 %", "%"),
     "kg/m**2": ("a mass per area", "576 g/m^2", "g/m^2"),
     "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
+    "N/m**3": ("a stiffness of contact, per area", "20 kPa/mm", "kPa/mm"),
+    "N*s/m**3": ("a viscosity, per area", "20 N s/m^3", "N s/m^3"),
 }
 
 # Least (but for zero) and most that a number of an SI unit may be. Cloth is far from both; what is
@@ -87,6 +89,8 @@ LIMITS = {
     "1": (1e-12, 1e4),
     "kg/m**2": (1e-9, 1e6),
     "kg/m**3": (1e-6, 1e6),
+    "N/m**3": (1e-6, 1e18),
+    "N*s/m**3": (1e-9, 1e12),
 }
 _LONGEST = 100  # characters of a quantity
 

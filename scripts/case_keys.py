@@ -23,6 +23,8 @@ from cruciform_petsc.cloth import fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
+from cruciform_petsc.forming import table as forming
+from cruciform_petsc.tools import tool
 from cruciform_petsc.units import MEASURES
 
 PAGE = Path(__file__).parents[1] / "docs" / "case-file.md"
@@ -49,7 +51,25 @@ _SHAPES: dict[Any, str] = {
     fields.Pairs: "a list of pairs of numbers",
     list[fields.Pair]: "a list of pairs of numbers",
     fields.Counts: "a list of whole numbers from 1 up",
+    tool.Place: "a list of 3 lengths",
+    list[fields.Size]: "a list of 3 lengths",
+    list[fields.Number]: "a list of 3 numbers",
+    tool.Angles: "a list of 3 angles",
+    tool.Curve: "a list of pairs of numbers",
+    tool.Profiles: "a list of 2 or more pairs of lengths",
+    list[fields.Point]: "a list of 2 or more pairs of lengths",
+    list[tool.ToolTable]: "tables",
+    list[forming.StageTable]: "tables",
+    list[fields.Name]: "a list of texts",
+    forming.Force: 'a force, `"100 N"`, or a list of 3 forces',
 }
+
+# A tool's shape, by its key.
+_SHAPES_OF_TOOLS = [
+    (name, next(fields.tables_in(field.annotation)))
+    for name, field in tool.ShapeTable.model_fields.items()
+    if next(fields.tables_in(field.annotation), None)
+]
 
 # Tables by where they stand, in the order of the page.
 _TABLES: tuple[tuple[str, type[Table]], ...] = (
@@ -62,8 +82,16 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.tension`", fabric.TensionTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
-    ("`[test]`, every kind", TestTable),
+    ("`[test]`, every kind but forming", TestTable),
     ("`test.imperfection`", ImperfectionTable),
+    ('`[test]`, `kind = "forming"`', forming.FormingTable),
+    ("`test.imperfection` of forming", forming.WavesTable),
+    ("`test.contact`", forming.ContactTable),
+    ("`[[tool]]`", tool.ToolTable),
+    ("`tool.shape`", tool.ShapeTable),
+    *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
+    ("`[[stage]]`", forming.StageTable),
+    ("`stage.turn`, by tool", tool.TurnTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),
     ("`[output]`", case.OutputTable),
@@ -74,9 +102,11 @@ def page() -> str:
     """The whole page."""
     parts = [_HEAD]
     for title, model in _TABLES:
-        parts.append(f"## {title}\n\n{_table(model, list(model.model_fields))}")
+        keys = [key for key, field in model.model_fields.items() if field.description]
+        parts.append(f"## {title}\n\n{_table(model, keys)}")
         if model is TestTable:
-            parts += [_kind(kind, kind_class(kind).table) for kind in KINDS]
+            tables = {kind: kind_class(kind).table for kind in KINDS}
+            parts += [_kind(k, t) for k, t in tables.items() if issubclass(t, TestTable)]
     return "\n".join(parts)
 
 
@@ -115,6 +145,13 @@ def kind_of(field: FieldInfo) -> str:
     annotation, metadata = field.annotation, list(field.metadata)
     if get_origin(annotation) is not Literal and type(None) in get_args(annotation):  # optional
         (annotation,) = (arg for arg in get_args(annotation) if arg is not type(None))
+    if field in forming.StageTable.model_fields.values() and get_origin(annotation) is dict:
+        return f"by tool, {_in_words(get_args(annotation)[1], [])}"
+    return _in_words(annotation, metadata)
+
+
+def _in_words(annotation: Any, metadata: list[Any]) -> str:
+    """A type in words."""
     if annotation in _SHAPES:
         return _SHAPES[annotation]
     if get_origin(annotation) is Annotated:

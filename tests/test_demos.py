@@ -32,6 +32,7 @@ FINITE = {
     "picture_frame": ("load_n", 6.849837),
     "sin_potential": ("load_n", 11.20169),
 }
+FORMING = {"hemisphere"}
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
@@ -82,7 +83,9 @@ def last(values):
 
 
 def test_every_demo_is_listed():
-    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(FINITE) | ELSEWHERE
+    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(
+        FINITE
+    ) | FORMING | ELSEWHERE
 
 
 @pytest.mark.parametrize("demo", sorted(SMALL))
@@ -134,6 +137,18 @@ def test_finite(demo, tmp_path):
     assert ("stages.png" in pictures) == (demo != "biaxial")
     for name in ("series.vtkhdf", "curve.csv"):
         assert (tmp_path / "2" / name).stat().st_size > 40
+
+
+def test_hemisphere(tmp_path):
+    """The punch's force in so many steps on so coarse a net; the blank is drawn in evenly."""
+    summary = run("hemisphere", 2, tmp_path, "--set", "output.pictures=false")
+    assert summary["tool_force_n"]["punch"][2] == pytest.approx(-40.57, rel=5e-3)
+    assert summary["tool_force_n"]["holder"][2] == pytest.approx(-50.0)
+    assert np.linalg.norm(sum(map(np.array, summary["tool_force_n"].values()))) < 0.1
+    assert summary["shear_max_deg"] == pytest.approx(40.7, abs=0.3)
+    assert list(summary["draw_in_mm"].values()) == pytest.approx([36.05] * 4, rel=5e-3)
+    stored = sum(summary["energy_j"].values())  # and dissipated; in steps of a tenth of the stroke
+    assert summary["work_of_tools_j"] == pytest.approx(stored, rel=0.05)
 
 
 def test_from_a_curve_to_a_prediction(tmp_path):

@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 from test_cli_input import cruciform_petsc, launch, sentences
 
-from cruciform_petsc import process
+from cruciform_petsc import cli, process
 from cruciform_petsc.errors import InputError
 
 CASE = """
@@ -116,6 +116,13 @@ def test_a_swallowed_signal_comes_again(handled, monkeypatch):
     with pytest.raises(KeyboardInterrupt), process.obeying_signals():
         work()
     assert process.came == [signal.SIGTERM]
+
+
+def test_a_swallowed_signal_is_obeyed_in_the_end(handled, monkeypatch, capfd):
+    """It has no time to come again; nothing is told of where it was swallowed."""
+    monkeypatch.setattr(cli, "_do", lambda *_: Swallows() and None)
+    assert cli.main(["fabrics"]) == 128 + signal.SIGTERM
+    assert capfd.readouterr().err == "cruciform-petsc: interrupted\n"
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -12,8 +12,11 @@ from typing import Any
 # text of several lines it may also be part of a value, and the statement is read on then.
 _BEGIN = re.compile(r"""\s*(?:[\w"'][^=\[{]*=|\[\[?\s*[A-Za-z_"'][^,=]*\]\s*(?:#.*)?$)""")
 # A key in a sentence about a case: tables' names, in the order of the sentence.
-_KEY = re.compile(r"\b(?:title|fabric|preform|test|continuum|solver|output)\b(?:\.\w+)*")
-_UNKNOWN = re.compile(r'(?:\[([\w.]+)\]|the case file) has the unknown key "(.*?)" \(')
+_KEY = re.compile(
+    r"\b(?:title|fabric|preform|test|tool|stage|continuum|solver|output)\b"
+    r"(?:\[\d+\]|\.\w+)*"
+)
+_UNKNOWN = re.compile(r'(?:\[([\w.[\]]+)\]|the case file) has the unknown key "(.*?)" \(')
 
 # Letters that are read to find lines, with what is read again: keys farther on get none.
 _MOST_READ = 2_000_000
@@ -31,6 +34,7 @@ def key_lines(text: str) -> dict[Path, int]:
     begins = [n for n, line in enumerate(lines) if _BEGIN.match(line)]
     found: dict[Path, int] = {}
     table: Path = ()
+    count: dict[str, int] = {}  # of arrays of tables, [[tool]]
     left, at = _MOST_READ, 0
     while at < len(begins):
         begin = begins[at]
@@ -46,6 +50,12 @@ def key_lines(text: str) -> dict[Path, int]:
                 continue
             header = lines[begin].lstrip().startswith("[")
             paths = list(_paths(data))
+            if header and lines[begin].lstrip().startswith("[["):
+                name = paths[-1][0]
+                count[name] = count.get(name, -1) + 1
+            if header and paths[-1][0] in count:  # [[tool]], or [tool.shape] below one
+                name = paths[-1][0]
+                paths = [(name,), *((name, str(count[name]), *p[1:]) for p in paths)]
             for path in paths:
                 found.setdefault(path if header else table + path, begin + 1)
             table = max(paths, key=len, default=()) if header else table
@@ -81,11 +91,16 @@ def _line(problem: str, lines: dict[Path, int], others: Sequence[Path]) -> int |
     """The line of the first key that a sentence names, or of the table it should stand in."""
     unknown, key = _UNKNOWN.match(problem), _KEY.search(problem)
     if unknown is not None:
-        path: Path = (*(unknown[1].split(".") if unknown[1] else ()), unknown[2])
+        path: Path = (*(_path(unknown[1]) if unknown[1] else ()), unknown[2])
     elif key is not None:
-        path = tuple(key[0].split("."))
+        path = _path(key[0])
     else:
         return None
     if any(path[: len(other)] == other for other in others):
         return None
     return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), None)
+
+
+def _path(key: str) -> Path:
+    """The parts of a key as sentences have it: of "tool[1].friction" they are three."""
+    return tuple(re.findall(r"\w+", key))

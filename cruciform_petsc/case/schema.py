@@ -20,11 +20,14 @@ from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
-from ..experiments.table import TestTable, small_unless_told
+from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title
+from ..forming.kind import Forming
+from ..forming.table import FormingTable, StageTable, check_stages
 from ..parallel import on_root
 from ..reading import LARGEST_CASE, parse_toml, read_given, read_toml
 from ..solvers.settings import check_settings
+from ..tools.tool import ToolTable
 from .lines import with_lines
 
 if TYPE_CHECKING:
@@ -100,8 +103,12 @@ class Case(Table):
     """The cloth."""
     preform_table: PreformTable = Field(alias="preform")
     """What was cut from it."""
-    test: Annotated[TestTable, OneOf(pick_table)]
+    test: Annotated[Any, OneOf(pick_table)]
     """What is done to it."""
+    tools: list[ToolTable] = Field(alias="tool", default=[])
+    """Rigid tools of a forming, `[[tool]]`."""
+    stages: list[StageTable] = Field(alias="stage", default=[])
+    """What they do, one after the other, `[[stage]]`."""
     continuum: ContinuumTable = ContinuumTable()
     """The membrane beside it."""
     solver: SolverTable = SolverTable()
@@ -114,7 +121,7 @@ class Case(Table):
     def _ladder_asks_for_small(cls, data: Any) -> Any:
         match data:
             case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
-                if not others.get("second_gradient"):  # which is finite
+                if not others.get("second_gradient") and test.get("kind") != "forming":
                     return data | {"test": small_unless_told(test)}
         return data
 
@@ -127,10 +134,13 @@ class Case(Table):
         or the edges the test needs: all problems at once, with their lines in the file.
         """
         data = read_toml(path, "case file")
-        match data:
-            case {"output": {"measured": str(measured)}} if measured:
-                # As a path that a resumed run, or one in another folder, still finds.
-                data["output"]["measured"] = str((Path(path).parent / measured).absolute())
+        # As paths that a resumed run, or one in another folder, still finds.
+        paths = [(data.get("output"), "measured")]
+        if isinstance(data.get("tool"), list):
+            paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
+        for table, key in paths:
+            if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
+                table[key] = str((Path(path).parent / table[key]).absolute())
         for override in overrides:
             _apply(data, override)
         problems = Problems()
@@ -160,7 +170,8 @@ class Case(Table):
 
     def preform(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the case's (for a ladder)."""
-        return self.preform_table.build(refine)
+        preform = self.preform_table.build(refine)
+        return preform.centred() if self.test.centred else preform
 
     def experiment(
         self, network: Network, *, bending: bool | None = None, controls: Any = None
@@ -178,6 +189,11 @@ class Case(Table):
             given["bending"] = bending
         return kind(network, **given, options=self.solver.options)
 
+    def forming(self, network: Network) -> Forming:
+        """Make the forming of the case's network, with its tools and stages. Collective."""
+        given = {key: value for key, value in self.test if key != "kind"}
+        return Forming(network, self.tools, self.stages, **given, options=self.solver.options)
+
     @property
     def second_gradient(self) -> bool:
         """Whether the continuum resists the bending of yarns: as told, else as the network does."""
@@ -186,19 +202,33 @@ class Case(Table):
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        return super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
+        dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
+        return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
     def check_together(self) -> None:
         """Check what no single table can know."""
         problems = Problems()
+        forming = isinstance(self.test, FormingTable)
+        if forming:
+            with problems.caught():
+                check_stages(self.tools, self.stages, self.test.gravity)
+        else:
+            for key, told in (("tool", self.tools), ("stage", self.stages)):
+                if told:
+                    problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
             ("continuum.compare", self.continuum.compare),
+            ("continuum.ladder", forming and self.continuum.ladder is not None),
             ("output.exports", self.output.exports),
+            ("output.scene", forming and self.output.scene),
+            ("output.measured", forming and self.output.measured is not None),
         ):
-            if on and self.test.space:
+            if on and forming:
+                problems.append(f"{key} is not for forming, leave it out")
+            elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
         if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
             problems.append(
@@ -214,7 +244,7 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
-        for edge in ("lower", "upper") if preform else ():  # without a clamp it would float
+        for edge in self.test.edges if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)
             except InputError as error:
@@ -224,12 +254,6 @@ class Case(Table):
                 preform.check_size(fabric)
             with problems.caught():
                 self.test.check(preform, fabric)
-        for key, on in (
-            ("continuum.compare", self.continuum.compare),
-            ("output.exports", self.output.exports),
-        ):
-            if on and self.test.space:
-                problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
         problems.tell()
 
 

@@ -20,14 +20,18 @@ def new_case(kind: str, name: str = "") -> str:
     Keys that may be left out and have no default stand in comments. ``name`` is that of the folder
     of its results in ``results/``, by default one that no demo has.
     """
-    table = kind_class(kind).table
+    table, folder = kind_class(kind).table, files("cruciform_petsc.case")
     values = table.template | {
-        "kind": f'"{kind}"',
         "directory": f'"results/{name or "new_" + kind.replace("-", "_")}"',
     }
-    text = (files("cruciform_petsc.case") / "template.toml").read_text(encoding="utf-8")
-    text = text.replace("# WHAT", f"# {(table.__doc__ or '').splitlines()[0]}", 1)
-    text = text.replace("# TEST", cleandoc(values["test"]), 1)
+    own = folder / f"{kind}.toml"
+    if own.is_file():  # a kind with tables of its own
+        text = own.read_text(encoding="utf-8")
+    else:
+        values["kind"] = f'"{kind}"'
+        text = (folder / "template.toml").read_text(encoding="utf-8")
+        text = text.replace("# WHAT", f"# {(table.__doc__ or '').splitlines()[0]}", 1)
+        text = text.replace("# TEST", cleandoc(values["test"]), 1)
     lines = []
     for line in text.splitlines():
         match = re.fullmatch(r"((?:# )?(\w+) = )(.+?)(?:  +(#.*))?", line)

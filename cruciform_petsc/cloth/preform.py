@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Self
 
@@ -122,6 +122,19 @@ class Preform:
     def middle(self) -> np.ndarray:
         """Centre of the outline's bounding box, float (2,) [m]."""
         return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
+
+    def centred(self) -> Preform:
+        """The same with the centre of its bounding box at x = y = 0."""
+        x, y = self.middle
+        origin = None if self.origin is None else (self.origin[0] - x, self.origin[1] - y)
+        named = {"outline", "hole", *_SIDES}
+        edges = {
+            name: segments - self.middle
+            for name, segments in self.edges.items()
+            if name.partition("-")[0] not in named
+        }
+        outline = shapely.transform(self.outline, lambda xy: xy - self.middle)
+        return replace(self, outline=outline, origin=origin, edges=edges)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
         """Width and length of a rectangle along x and y, m; None for any other area, relatively."""

@@ -97,7 +97,10 @@ def follow(
             control, guess = aim.next(last, min(aim.most, path.allowed or aim.most))
             change = abs(control - last.time)
             try:
-                found = settle(equilibrium, guess.at(*_held(stage, control)))
+                guess = guess.at(*_held(stage, control))
+                if not stage.carry_on:
+                    guess = equilibrium.model.carried(last, guess)
+                found = settle(equilibrium, guess)
             except EquilibriumError:
                 cuts += 1
                 path.allowed = 0.5 * change
@@ -112,6 +115,10 @@ def follow(
                 continue
             # The step keeps what its equilibrium was found with; the next one begins with the rest.
             last = replace(last, memory=equilibrium.model.accepted(last))
+            # What friction and viscosity have dissipated by now is none of the energy stored.
+            if any(last.memory.values()):
+                found = replace(found, energies=equilibrium.model.energies(last))
+                solved[-1] = found
             path.append(last)
             if aim.reached:
                 path.target += 1

@@ -186,6 +186,22 @@ class Model:
         """What all items remember of an accepted state, by item."""
         return {item.name: item.accepted(state) for item in self.items}
 
+    def carried(self, before: State, guess: State) -> State:
+        """A guess, or one that goes along with tools if its energy is lower. Collective.
+
+        Cloth that lies on a tool goes with it; cloth between two yields to both.
+        """
+        found = [item.carried(before, guess) for item in self.items]
+        if all(part is None for part in found):
+            return guess
+        x = guess.x.copy()
+        for nodes, place in filter(None, found):
+            x[nodes] = place
+        along = replace(guess, x=self.nodes.halo.forward(x))
+        along = along.at(guess.hold, guess.time, guess.factors)
+        energy, other = (sum(self.energies(state).values()) for state in (guess, along))
+        return along if other < energy else guess
+
     # -- unknowns -------------------------------------------------------------------------------
 
     def free(self, hold: Hold) -> np.ndarray:

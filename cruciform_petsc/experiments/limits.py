@@ -14,25 +14,25 @@ from ..parallel import least, most
 from ..quantities import si_text
 from ..solvers.options import unused_options
 from .net_kinematics import net_reach
+from .table import KindTable, TestTable
 
 if TYPE_CHECKING:
     from .result import TestResult
-    from .table import TestTable
 
 SMALL_DEG = 5.0  # shear angle to which small displacements hold, as a rule
 BREAKING = 0.1  # strain; glass and carbon break at a few hundredths
 SLENDER = 50.0  # length over width, or the reverse
 
 
-def remarks(preform: Preform, fabric: Fabric, test: TestTable) -> list[str]:
+def remarks(preform: Preform, fabric: Fabric, test: KindTable) -> list[str]:
     """Sentences about input that can be, but is hardly meant; before anything is solved."""
     return [*_angles(preform, test), *_sizes(preform, fabric, test), *_laws(fabric)]
 
 
-def _angles(preform: Preform, test: TestTable) -> Iterator[str]:
+def _angles(preform: Preform, test: KindTable) -> Iterator[str]:
     """Degrees whose number is that of a usual angle in radians."""
     angles = {"preform.bias_angle": preform.bias_angle}
-    if test.controls[test.control] == "rad":
+    if isinstance(test, TestTable) and test.controls[test.control] == "rad":
         angles[f"test.{test.control}"] = max(test.values_si, key=abs)
     for key, angle in angles.items():
         degrees = float(np.rad2deg(angle))
@@ -42,7 +42,7 @@ def _angles(preform: Preform, test: TestTable) -> Iterator[str]:
             yield f'{key} is {degrees:.4g} deg, is "{degrees:.4g} rad" ({usual:g} deg) meant?'
 
 
-def _sizes(preform: Preform, fabric: Fabric, test: TestTable) -> Iterator[str]:
+def _sizes(preform: Preform, fabric: Fabric, test: KindTable) -> Iterator[str]:
     """Lengths out of proportion, and a bias test's specimen that is wide for its length."""
     width, length = map(float, preform.size)
     size = f"{si_text(width, 'm')} wide and {si_text(length, 'm')} long"
@@ -63,6 +63,8 @@ def _sizes(preform: Preform, fabric: Fabric, test: TestTable) -> Iterator[str]:
             f"fabric.thickness = {si_text(fabric.thickness, 'm')} is more than ten times the "
             "distance of yarns, which unit is meant?"
         )
+    if not isinstance(test, TestTable):
+        return
     largest = max(map(abs, test.values_si))
     if test.controls[test.control] == "m" and largest > length:
         yield (

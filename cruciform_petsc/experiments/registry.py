@@ -11,38 +11,34 @@ from pydantic_core import PydanticKnownError
 from ..errors import InputError, shown, unknown
 
 if TYPE_CHECKING:
-    from .experiment import Experiment
-    from .table import TestTable
+    from .table import KindTable
 
-# A class, or where it stands: kinds are imported when they are needed, and PETSc with them, so
-# that the command line can hand PETSc its options first.
-KINDS: dict[str, str | type[Experiment]] = {
+# A class, or where it stands, from this folder: kinds are imported when they are needed, and PETSc
+# with them, so that the command line can hand PETSc its options first.
+KINDS: dict[str, str | type] = {
     "bias-extension": "bias_extension.BiasExtension",
     "picture-frame": "picture_frame.PictureFrame",
     "off-axis-tension": "off_axis.OffAxisTension",
     "biaxial": "biaxial.Biaxial",
     "cantilever": "cantilever.Cantilever",
     "pantograph": "pantograph.Pantograph",
+    "forming": ".forming.kind.Forming",
 }
 DEFAULT = "bias-extension"
-# What people ask for that is planned.
-_NOT_YET = ("forming", "draping")
 
 
-def kind_class(kind: str) -> type[Experiment]:
-    """The class of a kind of test; an InputError if there is none."""
-    if kind in _NOT_YET:
-        raise InputError(f'"{kind}" is planned and not there yet (known: {", ".join(KINDS)})')
+def kind_class(kind: str) -> Any:
+    """The class of a kind of test, with its `table`; an InputError if there is none."""
     if kind not in KINDS:
         raise unknown(f'kind of test "{kind}"', kind, KINDS)
     entry = KINDS[kind]
     if not isinstance(entry, str):
         return entry
-    module, _, name = entry.partition(".")
+    module, _, name = entry.rpartition(".")
     return getattr(import_module(f".{module}", __package__), name)
 
 
-def pick_table(data: Any) -> type[TestTable]:
+def pick_table(data: Any) -> type[KindTable]:
     """The type of table that [test] is, for `fields.OneOf`."""
     if not isinstance(data, dict):
         raise PydanticKnownError("model_type", {"class_name": "test"})

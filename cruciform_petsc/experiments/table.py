@@ -31,7 +31,40 @@ class ImperfectionTable(Table):
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
 
 
-class TestTable(Table):
+class KindTable(Table):
+    """[test] of any kind: of an experiment on flat cloth, or of forming."""
+
+    # Whether it needs a rectangle whose sides the yarns follow.
+    along_the_yarns: ClassVar[bool] = False
+    # Edges of the outline, straight ones, that it holds or moves.
+    edges: ClassVar[tuple[str, ...]] = ("lower", "upper")
+    # Whether the origin is the centre of the outline's bounding box, wherever that is drawn.
+    centred: ClassVar[bool] = False
+    # What `cruciform-petsc new` writes: the kind's own keys as `test`, with comments, and values,
+    # as TOML, of keys of case/template.toml in place of those there.
+    template: ClassVar[dict[str, str]] = {}
+
+    kind: str
+    """Which experiment."""
+    bending: bool = True
+    """Yarns bend in the plane; false: they are hinged."""
+
+    def check(self, preform: Preform, fabric: Fabric) -> None:
+        """Raise InputError if the preform or the fabric is none for such a test."""
+        problems = Problems()
+        if self.along_the_yarns:
+            with problems.caught():
+                preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
+        for side in ("warp", "weft"):
+            if self.bending and getattr(fabric, side).yarn_bending == 0.0:
+                problems.append(
+                    f"test.bending is true but fabric.{side}.yarn_bending is zero, "
+                    "give it a value or set test.bending = false"
+                )
+        problems.tell()
+
+
+class TestTable(KindTable):
     """[test]: what all kinds of experiments share.
 
     Every kind prescribes one value or a list of them, of one of its `controls`. Further keys are
@@ -41,19 +74,9 @@ class TestTable(Table):
     __test__: ClassVar[bool] = False  # not a test for pytest
     # SI unit of each.
     controls: ClassVar[dict[str, str]] = {"extension": "m", "load": "N"}
-    # Whether it needs a rectangle whose sides the yarns follow.
-    along_the_yarns: ClassVar[bool] = False
-    # What `cruciform-petsc new` writes: the kind's own keys as `test`, with comments, and values,
-    # as TOML, of keys of case/template.toml in place of those there.
-    template: ClassVar[dict[str, str]] = {}
-
-    kind: str
-    """Which experiment."""
     finite: bool = True
     """Large displacements, rotations and shear angles; false: small displacements. True, unless
     something asks for small displacements: model = "separate" or continuum.ladder."""
-    bending: bool = True
-    """Yarns bend in the plane; false: they are hinged."""
     space: bool = False
     """The cloth may leave its plane and buckle, with finite = true."""
     imperfection: ImperfectionTable | None = None
@@ -102,15 +125,8 @@ class TestTable(Table):
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """Raise InputError if the preform or the fabric is none for such a test."""
         problems = Problems()
-        if self.along_the_yarns:
-            with problems.caught():
-                preform.check_along_the_yarns(f'test.kind = "{self.kind}"')
-        for side in ("warp", "weft"):
-            if self.bending and getattr(fabric, side).yarn_bending == 0.0:
-                problems.append(
-                    f"test.bending is true but fabric.{side}.yarn_bending is zero, "
-                    "give it a value or set test.bending = false"
-                )
+        with problems.caught():
+            super().check(preform, fabric)
         if self.space:
             with problems.caught():
                 fabric.out_of_plane("test.space = true")

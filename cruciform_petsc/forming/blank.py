@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -53,7 +53,7 @@ class ContactSettings:
 
         A pressure that strains its yarns by 1 % over a radius of fifty thicknesses compacts it by
         half its thickness on either side; friction slips elastically by a hundredth of it; a
-        viscous sheet that sinks by its thickness in a second takes a millionth of that pressure.
+        viscous sheet that sinks as far in a second takes a millionth of that pressure.
         """
         thickness = fabric.needed("thickness", "contact")
         stiffness = 4e-4 * 0.5 * (fabric.c11 + fabric.c22) / thickness**2
@@ -75,8 +75,14 @@ class Blank:
     settings : ContactSettings, optional
     waves : (float, int), optional
         Height [m] and seed of an imperfection.
+    bending : bool
+        Whether yarns bend in the plane, too.
     edges : callable, optional
         Prepares the Constraints: planes of symmetry, clamps.
+    further : sequence of callables
+        Ply -> Item: what else acts on the cloth.
+    factors : mapping, optional
+        Sizes of loads and contacts before the first stage, by name of their items: else 1.
 
     Attributes
     ----------
@@ -98,13 +104,18 @@ class Blank:
         settings: ContactSettings | None = None,
         waves: tuple[float, int] | None = None,
         bending: bool = True,
+        edges: Callable[[Constraints], object] | None = None,
         further: Sequence = (),
+        factors: Mapping[str, float] | None = None,
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
         self.thickness = fabric.needed("thickness", "contact with a tool")
         self.settings = settings = settings or ContactSettings.of(fabric)
+        self.factors = factors or {}
         constraints = Constraints(network, bending, floats=True)
+        if edges is not None:
+            edges(constraints)
         self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
@@ -165,8 +176,8 @@ class Blank:
         place = np.array([tool.start.place for tool in self.tools]).reshape(-1, 3)
         rotations = {tool.name: tool.start.turn for tool in self.tools}
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
-        state = State(self.nodes.rest, hold)
-        return State(state.x, hold, memory=self.model.accepted(state))
+        state = State(self.nodes.rest, hold, factors=self.factors)
+        return replace(state, memory=self.model.accepted(state))
 
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""

@@ -13,7 +13,9 @@ from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Step
 from ..equilibrium.state import Found, State
 from ..errors import CruciformError, EquilibriumError
+from ..units import format_si
 from .blank import Blank
+from .measures import pierced
 from .press import Posture, Press, StagePlan
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
@@ -90,6 +92,16 @@ def form(
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
+        through = pierced(blank, found.state)
+        if through is not None:
+            name, depth, place = through
+            raise EquilibriumError(
+                f'tool "{name}" lies {format_si(float(f"{depth:.3g}"), "m")} deep in the cloth, '
+                f"which is {format_si(blank.thickness, 'm')} thick",
+                "PIERCED",
+                found.history,
+                place,
+            )
         shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 

@@ -70,8 +70,8 @@ class Posture:
     @classmethod
     def at_the_start(cls, blank: Blank) -> Posture:
         """Before the first stage."""
-        shape = (len(blank.tools), 3)
-        return cls([t.start for t in blank.tools], np.zeros(shape), np.zeros(shape, bool), {})
+        shape, poses = (len(blank.tools), 3), [tool.start for tool in blank.tools]
+        return cls(poses, np.zeros(shape), np.zeros(shape, bool), blank.factors)
 
 
 class Press:
@@ -106,7 +106,8 @@ class Press:
         tools = self.blank.tools
         poses = [motion.at(s) for motion in self.motions]
         rotations = {tool.name: pose.turn for tool, pose in zip(tools, poses, strict=True)}
-        hold = self.blank.hold(np.array([pose.place for pose in poses]), self.free, rotations)
+        place = np.array([pose.place for pose in poses]).reshape(-1, 3)
+        hold = self.blank.hold(place, self.free, rotations)
         factors = {
             name: (1.0 - s) * self.before.factors.get(name, 1.0) + s * value
             for name, value in self.factors.items()

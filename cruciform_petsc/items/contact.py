@@ -79,6 +79,7 @@ class Contact(Item):
     def __init__(self, name, surface, nodes, tool, area, offset, stiffness, width, friction, slip):
         self.name, self.surface = name, surface
         self.nodes = np.column_stack([nodes, np.full(len(nodes), tool)]).astype(np.int32)
+        self.tool = tool
         self.area, self.offset = area, offset
         self.stiffness, self.width, self.friction, self.slip = stiffness, width, friction, slip
 
@@ -176,6 +177,16 @@ class Contact(Item):
         anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
         memory["anchor"] = np.where((memory["pressed"] > 0)[:, None], anchor, np.nan)
         return memory
+
+    def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:
+        """See Item.carried: nodes that were pressed."""
+        tool, turn = self.tool, self.turn(after)
+        same = (before.x[tool] == after.x[tool]).all() and (turn == self.turn(before)).all()
+        memory = before.memory.get(self.name)
+        if same or not memory:
+            return None
+        at = memory["pressed"] > 0.0
+        return self.nodes[at, 0], after.x[tool] + self.local(before)[at] @ turn.T
 
     def _slipped(self, state: Placed, memory) -> tuple[np.ndarray, np.ndarray]:
         """Vectors (m, 3) from anchors along the tool, and their lengths; 0 without an anchor."""

@@ -106,6 +106,13 @@ class Item:
         """What to remember of a state that was accepted: arrays over local nodes."""
         return {}
 
+    def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:
+        """Local nodes that would go along with a tool, as it has moved, and their places.
+
+        A guess, of this rank's nodes. None, on every rank alike, where nothing has moved.
+        """
+        return None
+
     def broken(self, state: Placed) -> tuple[np.ndarray, str, str] | None:
         """Where, by what name and in what words a state is none of cloth. Collective."""
         return None

@@ -169,8 +169,9 @@ class Suction(Item):
         """
         area = self._areas(state.x)
         old = state.memory.get(self.name, {}).get("area", self._at_rest)
-        size = self.pressure * np.linalg.norm(area, axis=1).sum()
-        return {"area": area}, self.pressure * float(np.linalg.norm(area - old, axis=1).sum()), size
+        push = abs(state.factors.get(self.name, 1.0) * self.pressure)
+        change, size = (push * np.linalg.norm(v, axis=1).sum() for v in (area - old, area))
+        return {"area": area}, float(change), float(size)
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
         """See Item.accepted. Collective."""

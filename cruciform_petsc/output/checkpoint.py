@@ -578,6 +578,10 @@ class Checkpoint:
         """Remove it, as the results are there. Problems are not worth a word then."""
         if self.comm.rank == 0:
             with suppress(OSError, InputError):
+                # First what tells that there is something to go on from: it would need all else.
+                for number, name in enumerate((PREVIOUS, NEWEST)):
+                    if (self.folder / name).exists():
+                        (self.folder / name).rename(self.folder / f"new-{number}")
                 _remove(self.folder)
             unlock_directory(self.directory)
         self.comm.barrier()
@@ -605,6 +609,8 @@ def reopen(
                 "a test at small displacements is one system of equations and has no checkpoints, "
                 f"{ANEW} {target}"
             )
+        if case.stages:
+            raise InputError(f"a forming keeps no checkpoints, {ANEW} {target}")
         directory = prepare_directory(comm, case.output.directory if output is None else output)
     elif not on_root(comm, lambda: _found(directory)):
         raise InputError(_nothing_there(directory))

@@ -33,7 +33,9 @@ PATIENCE = 10.0  # s, with a run that was killed in the same folder: it takes a 
 OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
-    "crossovers.csv", "preform.inp", "scene.png", "yarns.png", "stages.png", "energy.png",
+    "crossovers.csv", "preform.inp", "forces.csv", "fields.csv", "tools.vtkhdf",
+    "outline.csv", "outline.svg", "formed.png", "tool_forces.png", "draw_in.png",
+    "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
     "shear_against_load.png", "with_and_without_bending.png", "tension_against_strain.png",
     "load_against_deflection.png", "load_against_extension.png", "load_against_angle.png",

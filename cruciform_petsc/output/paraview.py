@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -86,8 +86,8 @@ def write_state(
         Which of the result's states.
     """
     network = result.network
-    arrays = _arrays(network, result.states[index])
-    _write_by_rank(network.comm, path, iter([arrays]), notes or {})
+    only = arrays(network, result.states[index])
+    write_by_rank(network.comm, path, iter([only]), notes or {})
 
 
 def write_series(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
@@ -112,11 +112,11 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
     time_is = column.column if ascending else "state"
     notes = {**(notes or {}), "time_is": time_is, "controls": controls, "asked": asked.astype(int)}
     times = controls if ascending else np.arange(len(controls), dtype=float)
-    steps = (_arrays(network, state) for state in chain([rest], result.every_state()))
-    _write_by_rank(network.comm, path, steps, notes, times)
+    steps = (arrays(network, state) for state in chain([rest], result.every_state()))
+    write_by_rank(network.comm, path, steps, notes, times)
 
 
-def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
+def arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition by their names in the file. Collective.
 
     A rank without crossovers has no partition: its arrays are empty.
@@ -166,24 +166,26 @@ def _arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     }
 
 
-def _write_by_rank(
+def write_by_rank(
     comm: MPI.Intracomm,
     path: str | Path,
     steps: Iterator[Arrays],
     notes: Notes,
     times: np.ndarray | None = None,
+    changing: Collection[str] = CHANGING,
 ) -> None:
     """Write a file in which every dataset is the ranks' arrays one after the other. Collective.
 
     ``steps`` are made as they are needed, one for each of the ``times``: the same names, types and
-    trailing shapes on every rank. HDF5 lays the file out in rank 0's memory; data go to their
-    places in it by plain writes of all ranks: HDF5 crashes as it ends where the disk is full.
+    trailing shapes on every rank; only those in ``changing`` differ between times. HDF5 lays the
+    file out in rank 0's memory; data go to their places in it by plain writes of all ranks: HDF5
+    crashes as it ends where the disk is full.
     """
     first = next(steps)
     lengths = np.array(comm.allgather([len(array) for array in first.values()]))
     begin = dict(zip(first, lengths[: comm.rank].sum(axis=0), strict=True))
     total = dict(zip(first, lengths.sum(axis=0), strict=True))
-    stride = {name: rows * (name in CHANGING) for name, rows in total.items()}
+    stride = {name: rows * (name in changing) for name, rows in total.items()}
     step = np.arange(1 if times is None else len(times))
     small = {}
     if times is not None:
@@ -212,7 +214,7 @@ def _write_by_rank(
                     _write_at(file, at, piece)
                 file.truncate(size)
             for name, array in arrays.items():
-                if len(array) and (k == 0 or name in CHANGING):
+                if len(array) and (k == 0 or name in changing):
                     row = array.nbytes // len(array)
                     at = place[name] + row * int(begin[name] + k * stride[name])
                     _write_at(file, at, array)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..experiments.result import TestResult
+    from ..net.network import Network
 
 LIBRARIES = ("numpy", "scipy", "numba", "mpi4py", "petsc4py", "h5py", "fenics-dolfinx")
 LONGEST_NOTE = 60_000  # bytes; HDF5 takes attributes up to 64 KiB
@@ -76,20 +77,27 @@ def provenance(comm: MPI.Intracomm) -> dict[str, Any]:
 
 
 def file_notes(result: TestResult, case: dict[str, Any] | None = None) -> dict[str, str | int]:
-    """The same as attributes of a data file, with what was tested. Collective.
+    """The same as attributes of a data file, with what was tested. Collective."""
+    return notes_on(result.network, result.experiment.kind, case)
+
+
+def notes_on(
+    network: Network, kind: str, case: dict[str, Any] | None = None
+) -> dict[str, str | int]:
+    """Attributes of a data file about a kind of test of a network. Collective.
 
     So is the case file's content, if it is not too long for an attribute.
     """
-    origin = provenance(result.network.comm)
+    origin = provenance(network.comm)
     notes = {
         "program": f"cruciform_petsc {__version__}",
         "commit": origin["commit"] or "",
         "versions": json.dumps(origin["versions"]),
         "date": origin["date"],
         "ranks": origin["ranks"],
-        "test": result.experiment.kind,
-        "fabric": repr(result.network.fabric),
-        "preform": repr(result.network.preform),
+        "test": kind,
+        "fabric": repr(network.fabric),
+        "preform": repr(network.preform),
     }
     text = json.dumps(case, ensure_ascii=False)
     if case is not None and len(text.encode()) <= LONGEST_NOTE:

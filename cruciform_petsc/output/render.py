@@ -15,6 +15,7 @@ import pyvista as pv
 
 AROUND = 16  # points around a yarn
 LOOK = {"ambient": 0.3, "diffuse": 0.8, "specular": 0.25, "specular_power": 15.0}
+STEEL = (176, 181, 188)
 SMOOTH = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": 65.0}  # sharp: ends
 
 
@@ -46,18 +47,28 @@ def bar(corners: np.ndarray, height: float) -> pv.PolyData:
 def render(scene: dict[str, np.ndarray]) -> np.ndarray:
     """Draw on white in parallel projection; uint8 (height, width, 3), first row on top.
 
-    The scene has ``lines``, ``first``, ``half`` and ``shades``: see `tubes`; ``bars`` (k, 4, 2),
-    their ``bar_height`` and ``bar_colour``; ``size`` (width, height) in pixels; ``focus`` (3,);
-    ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors; ``half_height`` of what
-    is seen. Lengths in any one unit.
+    The scene has either ``lines``, ``first``, ``half`` and ``shades``: see `tubes`; and ``bars``
+    (k, 4, 2), their ``bar_height`` and ``bar_colour``. Or a formed blank: ``points`` (n, 3),
+    ``triangles`` (m, 3) and ``shades`` (n, 3), and see-through tools: ``tool_points`` and
+    ``tool_triangles``, cut off by the ``tool_box`` (6,). In both: ``size`` (width, height) in
+    pixels; ``focus`` (3,); ``towards`` and ``up`` (3,): from the focus to the camera, unit vectors;
+    ``half_height`` of what is seen. Lengths in any one unit.
     """
     plotter = pv.Plotter(off_screen=True, window_size=scene["size"].tolist(), lighting="none")
     plotter.background_color = "white"
-    yarns = tubes(*(scene[name] for name in ("lines", "first", "half", "shades")))
-    plotter.add_mesh(yarns, scalars="shades", rgb=True, **SMOOTH, **LOOK)
-    for corners in scene["bars"]:
-        prism = bar(corners, float(scene["bar_height"]))
-        plotter.add_mesh(prism, color=scene["bar_colour"], **LOOK)
+    if "lines" in scene:
+        yarns = tubes(*(scene[name] for name in ("lines", "first", "half", "shades")))
+        plotter.add_mesh(yarns, scalars="shades", rgb=True, **SMOOTH, **LOOK)
+        for corners in scene["bars"]:
+            prism = bar(corners, float(scene["bar_height"]))
+            plotter.add_mesh(prism, color=scene["bar_colour"], **LOOK)
+    else:
+        cloth = pv.PolyData.from_regular_faces(scene["points"], scene["triangles"])
+        cloth["shades"] = scene["shades"]
+        plotter.add_mesh(cloth, scalars="shades", rgb=True, **SMOOTH, **LOOK)
+        tools = pv.PolyData.from_regular_faces(scene["tool_points"], scene["tool_triangles"])
+        tools = tools.clip_box(scene["tool_box"], invert=False)
+        plotter.add_mesh(tools, color=STEEL, opacity=0.2, **LOOK)
     towards, up, focus = scene["towards"], scene["up"], scene["focus"]
     axes = 20.0 * float(scene["half_height"]) * np.array([np.cross(up, towards), up, towards])
     # From the upper left, as readers of maps and buttons expect; a weak one from the other side.

@@ -30,6 +30,8 @@ from .log import last
 from .tables import written_whole
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from ..case.schema import Case
     from ..experiments.experiment import Experiment
     from ..experiments.result import TestResult
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 MAPS = {  # {at}: the last value asked for
     "scene.png": "The yarns in space {at}, coloured by shear angle; "
     "yarn cross-sections are illustrative.",
+    "formed.png": "The formed blank {at}, coloured by shear angle, with the tools.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
@@ -45,16 +48,20 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "tool_forces.png": "Forces of the tools on the cloth, upwards.",
+    "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
 }
+FORMING_CAPTIONS = {"energy.png": "Energy: stored in cloth and contact; dissipated by friction."}
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
 STAGES = {
     "network": "network made",
+    "set_up": "tools and blank set up",
     "solve": "solved",
     "solve_without_bending": "solved without yarn bending, to compare",
     "write": "results written",
@@ -101,6 +108,73 @@ def write_report(
     maps = [directory / name for name in MAPS if name in pictures]
     curves = [directory / name for name in pictures if name not in MAPS]
 
+    def sections() -> dict[str, Any]:
+        return {
+            "key_figures": _key_figures(experiment, summary),
+            "note": f"{_sentence(at)} Largest yarn tension: "
+            f"{tension_text(summary['yarn_tension_max'])}.",
+            "maps": gallery(maps, captions, at, experiment.colour),
+            "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
+            "curves": gallery(curves, captions),
+            "results": curve_table(curve),
+            "measured_table": _measured(summary.get("measured", {})),
+            "continuum": _continuum(summary, curve),
+            "increments": _increments(summary, experiment),
+        }
+
+    _write(result.network.comm, directory, case, summary, sections)
+
+
+def write_forming_report(
+    comm: MPI.Intracomm,
+    directory: Path,
+    case: Case,
+    summary: Mapping[str, Any],
+    steps: Mapping[str, Sequence],
+    pictures: Sequence[str] = (),
+) -> None:
+    """Write report.html of a forming; ``steps`` are the columns of forces.csv. Collective."""
+    maps = [directory / name for name in pictures if name in MAPS]
+    curves = [directory / name for name in pictures if name not in MAPS]
+    asked = np.flatnonzero(steps["asked"])
+    at = f'at {steps["share_percent"][-1]:.4g} % of stage "{steps["stage"][-1]}"'
+
+    def sections() -> dict[str, Any]:
+        told = [name for name in steps if name.endswith(("_force_z_N", "shear_max_deg"))]
+        told += [name for name in steps if name.startswith("draw_in_")]
+        results = {"stage": steps["stage"], "share (%)": numbers(steps["share_percent"])}
+        results |= {
+            f"{quantity(name).name} ({quantity(name).unit})": numbers(steps[name]) for name in told
+        }
+        rows = Table.of(results).rows
+        effort = results | {
+            "Newton iterations": [f"{n}" for n in steps["newton_iterations"]],
+            "time (s)": [f"{s:.2f}" for s in steps["seconds"]],
+        }
+        return {
+            "key_figures": _forming_figures(summary),
+            "note": _sentence(at),
+            "maps": gallery(maps, CAPTIONS, at),
+            "striped": False,
+            "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
+            "results": Table(list(results), [rows[i] for i in asked]),
+            "measured_table": None,
+            "continuum": None,
+            "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
+        }
+
+    _write(comm, directory, case, summary, sections)
+
+
+def _write(
+    comm: MPI.Intracomm,
+    directory: Path,
+    case: Case,
+    summary: Mapping[str, Any],
+    sections: Callable[[], dict[str, Any]],
+) -> None:
+    """Put what all reports have, and sections of one kind, into the template. Collective."""
+
     def write() -> None:
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -116,26 +190,17 @@ def write_report(
             case=case,
             summary=summary,
             words=_words(summary),
-            key_figures=_key_figures(experiment, summary),
-            at=at,
-            tension=tension_text(summary["yarn_tension_max"]),
-            maps=gallery(maps, captions, at, experiment.colour),
-            striped=experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
-            curves=gallery(curves, captions),
-            results=curve_table(curve),
-            measured_table=_measured(summary.get("measured", {})),
-            continuum=_continuum(summary, curve),
             fabric=fabric(case),
             case_tables=_case(case),
             sizes=_sizes(summary),
             times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
-            increments=_increments(summary, experiment),
             origin=_origin(summary),
+            **sections(),
         )
         with written_whole(directory / "report.html") as temporary:
             temporary.write_text(text, encoding="utf-8")
 
-    on_root(result.network.comm, write)
+    on_root(comm, write)
 
 
 # -- sections --------------------------------------------------------------------------------------
@@ -169,6 +234,19 @@ def _key_figures(
     energy = sum(last(value) for value in summary["energy_j"].values())
     shown = f"{energy:.4g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.4g} mJ"
     yield "strain energy", energy, shown
+
+
+def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
+    """The same of a forming."""
+    for name, (_, _, force) in summary["tool_force_n"].items():
+        yield f"{name}, force along z", force, _signed(force_text(force))
+    for name, key in (
+        ("largest shear angle (absolute)", "shear_max_deg"),
+        ("shear angle that 99 % keep to", "shear_p99_deg"),
+    ):
+        yield name, summary[key], angle_text(summary[key], "°")
+    drawn = 1e-3 * max(summary["draw_in_mm"].values())
+    yield "largest draw-in", drawn, si_text(drawn, "m")
 
 
 def last_control(curve: Mapping[str, np.ndarray]) -> str:
@@ -315,6 +393,11 @@ def _case(case: Case) -> list[tuple[str, list[tuple[str, str]]]]:
     """Tables of the case with their keys and values."""
     tables = case.model_dump(exclude_none=True).items()
     rows = [(name, list(_flat(content))) for name, content in tables if isinstance(content, dict)]
+    rows += [
+        (f"[{name}]", list(_flat(content)))
+        for name in ("tool", "stage")
+        for content in dict(tables).get(name, [])
+    ]
     return [pair for pair in rows if pair[1]]
 
 
@@ -337,7 +420,7 @@ def _as_written(value: Any) -> str:
 
 
 def _sizes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    network, solver = summary["network"], summary["solver"]
+    network, solver = summary["network"], summary.get("solver", {})
     low, high = network["crossovers_per_rank_min"], network["crossovers_per_rank_max"]
     peak = summary.get("peak_mib_per_rank", [])
     rows = [
@@ -349,7 +432,7 @@ def _sizes(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("crossovers on a rank", f"{low:,}" if low == high else f"{low:,} to {high:,}"),
         ("largest memory of a rank", f"{max(peak):,.0f} MiB" if peak else ""),
     ]
-    if summary["finite"]:
+    if summary.get("increments"):
         each = f"{summary['newton_iterations_per_increment']:.1f} each"
         rows += [
             ("increments", f"{len(summary['increments'])}"),

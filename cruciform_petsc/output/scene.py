@@ -32,6 +32,8 @@ ALONG = 8  # pieces of tube per crossover
 WIDTH = 0.42  # half the width of a yarn over the distance of two: a little light comes through
 THICKNESS = 0.4  # of a cloth of unknown thickness, over that distance
 LEAST_COSINE = 0.3  # yarns that have closed further are not drawn any thinner
+LOW, OBLIQUE = np.deg2rad(28.0), np.deg2rad(-62.0)  # of the camera on a formed blank
+AROUND = 0.1  # of the blank's size: how far around it tools are shown
 PIXELS = 1500  # of the larger side of the picture
 ELEVATION, TURN = np.deg2rad(52.0), np.deg2rad(18.0)  # of the camera, from across the long axis
 STEEL = (176, 181, 188)
@@ -57,6 +59,48 @@ def woven(
     scene["bar_colour"] = np.array(STEEL)
     image, extent = _render(scene | _view(scene))
     return _page(image, 1e3 * extent, colours, title, sample.every)
+
+
+def formed(
+    cloth: tuple[np.ndarray, np.ndarray, np.ndarray],
+    tools: tuple[np.ndarray, np.ndarray],
+    title: str = "",
+) -> Figure:
+    """Draw a formed blank in the colours of its values, between see-through tools. Not collective.
+
+    The cloth's points (n, 3) m, triangles (m, 3) and values (n,), degrees; the tools' points and
+    triangles, of which what is near the cloth is shown. InputError if nothing here can render.
+    """
+    points, triangles, values = cloth
+    colours = pictures.colour_scale([values])
+    shades = colours.to_rgba(np.ma.masked_invalid(values), bytes=True)[:, :3]
+    room = AROUND * np.ptp(points, axis=0).max()
+    box = np.stack([points.min(axis=0) - room, points.max(axis=0) + room], axis=1)
+    scene = {
+        "points": points, "triangles": triangles, "shades": shades,
+        "tool_points": tools[0], "tool_triangles": tools[1], "tool_box": box.ravel(),
+    }  # fmt: skip
+    image, extent = _render(scene | _looked_at(points, OBLIQUE, LOW, 0.06))
+    return _page(image, 1e3 * extent, colours, title, 1)
+
+
+def _looked_at(
+    points: np.ndarray, azimuth: float, elevation: float, margin: float
+) -> dict[str, np.ndarray]:
+    """Parallel projection that shows points (n, 3), and a margin of so much of their size."""
+    flat = np.array([np.cos(azimuth), np.sin(azimuth)])
+    towards = np.append(np.cos(elevation) * flat, np.sin(elevation))
+    up = np.append(-np.sin(elevation) * flat, np.cos(elevation))
+    right = np.cross(up, towards)
+    low, high = pictures.bounds([points @ np.column_stack([right, up])])
+    extent, middle = high - low + 2.0 * margin * (high - low).max(), 0.5 * (low + high)
+    return {
+        "size": np.round(PIXELS * extent / extent.max()).astype(int),
+        "focus": middle[0] * right + middle[1] * up,
+        "towards": towards,
+        "up": up,
+        "half_height": 0.5 * extent[1],
+    }
 
 
 def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> dict[str, np.ndarray]:
@@ -100,20 +144,8 @@ def _view(scene: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     points = np.concatenate([scene["lines"], bars])
     across = np.ptp(points[:, 1]) > np.ptp(points[:, 0])
     azimuth = -TURN if across else -0.5 * np.pi - TURN
-    flat = np.array([np.cos(azimuth), np.sin(azimuth)])
-    towards = np.append(np.cos(ELEVATION) * flat, np.sin(ELEVATION))
-    up = np.append(-np.sin(ELEVATION) * flat, np.cos(ELEVATION))
-    right = np.cross(up, towards)
-    low, high = pictures.bounds([points @ np.column_stack([right, up])])
-    margin = 0.015 * (high - low).max() + scene["half"].max()
-    extent, middle = high - low + 2.0 * margin, 0.5 * (low + high)
-    return {
-        "size": np.round(PIXELS * extent / extent.max()).astype(int),
-        "focus": middle[0] * right + middle[1] * up,
-        "towards": towards,
-        "up": up,
-        "half_height": 0.5 * extent[1],
-    }
+    margin = scene["half"].max() / np.ptp(points, axis=0).max() + 0.015
+    return _looked_at(points, azimuth, ELEVATION, margin)
 
 
 @explaining("the yarns in space cannot be drawn", also=ValueError)  # half an image

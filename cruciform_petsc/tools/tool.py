@@ -13,8 +13,8 @@ from pydantic import AfterValidator, Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
-from ..fields import Length, Name, Number, Of, Pair, Point, Size, Table, si_values
-from ..parallel import on_root
+from ..fields import Length, Name, Number, Of, Pair, Point, Sides, Size, Table, si_values
+from ..parallel import least, on_root
 from ..units import Quantity, format_si
 from . import shapes
 from .motion import Motion, Pose
@@ -67,7 +67,13 @@ class Tool:
             )
         return remarks
 
-    def touching(self, points: np.ndarray, axis: np.ndarray, gap: float) -> Tool:
+    def touching(
+        self,
+        points: np.ndarray,
+        axis: np.ndarray,
+        gap: float,
+        comm: MPI.Intracomm | None = None,
+    ) -> Tool:
         """The tool, moved along an axis to where it just touches.
 
         Parameters
@@ -77,18 +83,23 @@ class Tool:
             Towards the cloth.
         gap : float
             Distance of the surface from the points where it touches, m: half the cloth's thickness.
+        comm : communicator, optional
+            Of ranks that have points each. Collective then.
 
         Raises InputError if the tool never meets the points.
         """
         axis = np.asarray(axis, float) / np.linalg.norm(axis)
         inner = self.start.to_tool(points)
         met = touch(self.surface, inner, -self.start.vector_to_tool(axis), gap)
-        if met is None:
+        way = np.inf if met is None else met[0]
+        if comm is not None:
+            way = least(comm, way)
+        if not np.isfinite(way):
             raise InputError(
                 f'tool "{self.name}" does not meet the cloth along '
                 f"({', '.join(f'{x:.3g}' for x in axis)}): give it a place"
             )
-        return replace(self, start=self.start.moved(met[0] * axis), placed=True)
+        return replace(self, start=self.start.moved(way * axis), placed=True)
 
 
 def load(comm: MPI.Intracomm, table: ToolTable, **options: Any) -> Tool:
@@ -145,7 +156,7 @@ Profiles = Annotated[list[Point], Field(min_length=2)]
 class PlaneTable(Table):
     """A plane, z = 0, or a plate."""
 
-    size: Annotated[list[Size], Field(min_length=2, max_length=2)] | None = None
+    size: Sides | None = None
     """Along x and y, of a plate; the default is a plane without an end.
     Example: `["300 mm", "300 mm"]`"""
     edge_radius: Size | None = None

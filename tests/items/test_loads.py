@@ -184,6 +184,12 @@ def test_suction_is_settled_by_looking_again():
     np.testing.assert_allclose(rest.sum(axis=0), -3e3 * area, atol=1e-3 * 3e3 * area[2])
     memory, change, size = suction.lagged(state)
     assert 0.05 * size < change < size
+    # Forces, whichever way it pushes, and no more than act.
+    half = suction.lagged(replace(state, factors={"suction": -0.5}))[1:]
+    assert half == pytest.approx((0.5 * change, 0.5 * size))
+    suction.pressure *= -1.0
+    assert suction.lagged(state)[1:] == pytest.approx((change, size))
+    suction.pressure *= -1.0
     again = replace(state, memory={"suction": memory})
     assert suction.lagged(again)[1] < 1e-12 * size
     a, b, c = np.moveaxis(state.x[nodes], 1, 0)

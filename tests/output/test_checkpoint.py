@@ -9,8 +9,10 @@ import pickle
 import pkgutil
 import resource
 import shutil
-from functools import reduce
+from contextlib import suppress
+from functools import partialmethod, reduce
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -200,6 +202,40 @@ def test_killed_again_and_again(tmp_path, undisturbed):
         assert solve(case, checkpoint, stop=1) is None
         checkpoint = Checkpoint.resume(COMM, tmp_path)
     curves_agree(solve(case, checkpoint), undisturbed)
+
+
+def test_killed_while_the_checkpoint_is_removed(tmp_path, undisturbed, monkeypatch):
+    """At each file: what is left can be gone on with as a whole, or not at all."""
+    case, ends = case_of(), set()
+    made = tmp_path / "made"
+    checkpoint = Checkpoint.begin(COMM, made, case)
+    solve(case, checkpoint)
+    for number in range(100):
+        folder = tmp_path / str(number)
+        shutil.copytree(made, folder)
+        left = Checkpoint.resume(COMM, folder)
+        calls = []
+
+        def killed(path, *arguments, whole, calls=calls, number=number):
+            calls.append(path)
+            if len(calls) > number:
+                raise Stop
+            return whole(path, *arguments)
+
+        with monkeypatch.context() as patch, suppress(Stop):
+            for name in ("unlink", "rename", "rmdir"):
+                patch.setattr(Path, name, partialmethod(killed, whole=getattr(Path, name)))
+            left.remove()
+            break  # all of it
+        try:
+            again = Checkpoint.resume(COMM, folder)
+        except InputError as error:
+            ends.add("nothing" if "there is no checkpoint" in str(error) else str(error))
+        else:
+            curves_agree(solve(case, again), undisturbed)
+            ends.add("all")
+    assert ends == {"all", "nothing"}
+    assert not (folder / "checkpoint").exists()
 
 
 def test_killed_before_the_first_increment(tmp_path, undisturbed, monkeypatch):

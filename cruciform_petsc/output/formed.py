@@ -1,0 +1,446 @@
+# SPDX-License-Identifier: MIT
+"""What a forming leaves: tables, files for ParaView, figures for the summary."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..equilibrium.state import State
+from ..errors import InputError
+from ..experiments.result import State as Fields
+from ..forming.forming import Formed, FormingStep
+from ..forming.kind import Forming
+from ..forming.measures import (
+    DrawIn,
+    contact_fields,
+    outline,
+    penetration,
+    shear_figures,
+    yarn_directions,
+)
+from ..parallel import on_root
+from ..tools.motion import Pose
+from ..units import format_si
+from . import paraview, pictures, scene
+from .provenance import provenance
+from .sample import MAP_LIMIT
+from .tables import in_order, lines, write_csv, write_pieces, written_whole
+
+if TYPE_CHECKING:
+    from ..case.schema import Case
+
+ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
+VTK_TRIANGLE = 5
+MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
+VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
+KPA, MM = 1e-3, 1e3  # in SI units
+
+
+class Record:
+    """Tells the log about each accepted step, and keeps a table of all of them on disk.
+
+    Parameters
+    ----------
+    forming : Forming
+    path : Path
+        Of forces.csv.
+    log : logging.Logger
+    """
+
+    def __init__(self, forming: Forming, path: Path, log: logging.Logger):
+        self.forming, self.path, self.log = forming, path, log
+        self.draw_in = DrawIn(forming.blank)
+        self.drawn: list[dict[str, float]] = []
+        self.steps: list[FormingStep] = []
+
+    def __call__(self, step: FormingStep, state: State) -> None:
+        """Take note of a step. Collective."""
+        self.steps.append(step)
+        self.drawn.append(self.draw_in.largest(state))
+        last = step.increment
+        stages = [stage.name for stage in self.forming.stages]
+        share = last.control - stage_number(last.control)
+        moving = [
+            f"{name} {abs(step.tool_force[name][2]):.4g} N"
+            for name in step.tool_force
+            if name not in self.forming.below or len(step.tool_force) == 1
+        ]
+        mended = f", {last.shifted} of them mended" if last.shifted else ""
+        self.log.info(
+            "%8.2f s    %-*s %5.1f %%, %s, shear %4.1f deg, %2d Newton iterations%s",
+            last.seconds,
+            max(map(len, stages)),
+            step.stage,
+            100.0 * share,
+            ", ".join(moving),
+            np.rad2deg(last.shear_max),
+            last.iterations,
+            mended,
+        )
+        write_csv(self.forming.network.comm, self.path, self.table())
+
+    def table(self) -> dict[str, list]:
+        """Columns of forces.csv: a row for each accepted step."""
+        steps = self.steps
+        columns: dict[str, list] = {
+            "stage": [step.stage for step in steps],
+            "share_percent": [
+                100.0 * (step.increment.control - stage_number(step.increment.control))
+                for step in steps
+            ],
+            "asked": [int(step.increment.asked) for step in steps],
+        }
+        for tool in self.forming.tools:
+            for axis, letter in enumerate("xyz"):
+                columns[f"{tool.name}_force_{letter}_N"] = [
+                    step.tool_force[tool.name][axis] for step in steps
+                ]
+        for tool in self.forming.tools:
+            for axis, letter in enumerate("xyz"):
+                columns[f"{tool.name}_{letter}_mm"] = [
+                    MM * step.tool_place[tool.name][axis] for step in steps
+                ]
+        columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
+        for mode in ENERGIES:
+            columns[f"energy_{mode}_J"] = [step.increment.energies[mode] for step in steps]
+        for mode in ("friction", "viscous"):
+            columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
+        columns["work_of_tools_J"] = [step.work for step in steps]
+        for edge in self.draw_in.edges:
+            columns[f"draw_in_{edge}_mm"] = [MM * drawn[edge] for drawn in self.drawn]
+        columns["newton_iterations"] = [step.increment.iterations for step in steps]
+        columns["seconds"] = [step.increment.seconds for step in steps]
+        return columns
+
+
+def stage_number(time: float) -> int:
+    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
+    return max(int(np.ceil(time - 1e-9)) - 1, 0)
+
+
+def summarize(
+    case: Case, forming: Forming, formed: Formed, record: Record, statistics: Mapping[str, Any]
+) -> dict[str, Any]:
+    """All figures of a forming, of the last state that was reached. Collective."""
+    blank, comm = forming.blank, forming.network.comm
+    by_stage = [
+        {
+            "name": stage.name,
+            "steps": len(of),
+            "newton": sum(step.increment.iterations for step in of),
+            "seconds": sum(step.increment.seconds for step in of),
+        }
+        for number, stage in enumerate(forming.stages)
+        for of in [[s for s in formed.steps if stage_number(s.increment.control) == number]]
+    ]
+    summary: dict[str, Any] = {
+        "title": case.title,
+        "kind": forming.kind,
+        "finite": True,
+        "crossovers": statistics["crossovers"],
+        "dofs": 3 * blank.nodes.num_nodes_global,
+        "stages": by_stage,
+        "contact": {
+            "stiffness_n_per_m3": blank.settings.stiffness,
+            "width_m": blank.settings.width,
+            "elastic_slip_m": blank.settings.slip,
+            "viscosity_n_s_per_m3": blank.settings.viscosity,
+        },
+        "network": dict(statistics),
+        "case": case.model_dump(),
+        **provenance(comm),
+    }
+    if not formed.steps:
+        return summary
+    last, state = formed.steps[-1], formed.states[-1]
+    fields = blank.ply.fields(blank.of_cloth(state))
+    deepest = penetration(blank, state)
+    warnings = []
+    if deepest > MUCH * forming.thickness:
+        warnings.append(
+            f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
+            f"which is {format_si(forming.thickness, 'm')} thick: a larger "
+            "test.contact.stiffness, or a finer net, brings it nearer to them"
+        )
+    energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
+    share = energy["viscous"] / max(sum(energy.values()), 1e-300)
+    if share > VISCOUS:
+        warnings.append(
+            f"viscosity has taken {100.0 * share:.0f} % of the energy, so results depend on it: "
+            "a smaller test.contact.viscosity, or a last stage in which nothing moves, may help"
+        )
+    summary |= {
+        "warnings": warnings,
+        "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
+        "tool_place_mm": {name: (MM * p).tolist() for name, p in last.tool_place.items()},
+        **shear_figures(blank, fields),
+        "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
+        "penetration_max_mm": MM * deepest,
+        "energy_j": energy,
+        "work_of_tools_j": last.work,
+    }
+    return summary
+
+
+def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Path) -> None:
+    """The result in a few lines."""
+    log.info("")
+    for name, (x, y, z) in summary["tool_force_n"].items():
+        log.info("%-13s force on the cloth %.4g, %.4g, %.4g N", name, x + 0.0, y + 0.0, z + 0.0)
+    text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
+    log.info("shear angle   %s", text.format_map(summary))
+    drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
+    log.info("draw-in       %s", drawn)
+    log.info("compaction    %.3g mm at most, on each side", summary["penetration_max_mm"])
+    energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
+    texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
+    log.info("energy        %s", ", ".join(texts))
+    log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
+    log.info("results in    %s", directory)
+
+
+# -- fields ----------------------------------------------------------------------------------------
+
+
+def write_fields(path: Path, forming: Forming, state: State) -> None:
+    """Write fields.csv: a row for each crossover, in one order on any number of ranks. Collective.
+
+    ``thickness_mm`` is that of cloth whose fibre volume fraction stays as it is.
+    """
+    network, blank = forming.network, forming.blank
+    fields = blank.ply.fields(blank.of_cloth(state))
+    warp, weft = yarn_directions(blank, state)
+    hinge = blank.ply.nodes.of_hinge
+    touch = {name: values[hinge] for name, values in contact_fields(blank, state).items()}
+    now = blank.ply.nodes.rest[hinge] + fields["displacement"]
+    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
+    area = stretched * np.cos(fields["shear_angle"])
+    columns = {
+        "x_rest_mm": MM * network.crossover_position[:, 0],
+        "y_rest_mm": MM * network.crossover_position[:, 1],
+        **{f"{letter}_mm": MM * now[:, axis] for axis, letter in enumerate("xyz")},
+        **{f"warp_{letter}": warp[:, axis] for axis, letter in enumerate("xyz")},
+        **{f"weft_{letter}": weft[:, axis] for axis, letter in enumerate("xyz")},
+        "shear_deg": np.rad2deg(fields["shear_angle"]),
+        "warp_strain_percent": 100.0 * fields["warp_strain"],
+        "weft_strain_percent": 100.0 * fields["weft_strain"],
+        "warp_tension_N_per_mm": fields["warp_tension"] / MM,
+        "weft_tension_N_per_mm": fields["weft_tension"] / MM,
+        "area_ratio": area,
+        "thickness_mm": MM * forming.thickness / area,
+        "contact_pressure_kPa": KPA * touch.pop("pressure"),
+        **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
+        "carrying": fields["carrying"],
+    }
+    number, rows = in_order(
+        network.comm,
+        network.crossover_number_global,
+        network.num_crossovers_global,
+        np.column_stack(list(columns.values())),
+    )
+    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
+    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
+    text = lines(template, number, rows).replace(b"nan", b"")
+    write_pieces(network.comm, path, [head.encode(), text])
+
+
+def write_outline(directory: Path, forming: Forming, state: State) -> None:
+    """Write outline.csv and outline.svg: the flat blank's yarn ends, and where they are now.
+
+    Collective. The drawing is in mm, to be cut: the flat blank's outline, and dashed what has
+    become of it in plan.
+    """
+    comm, table = forming.network.comm, outline(forming.blank, state)
+    names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
+    columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
+    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
+    polygon = forming.network.preform.outline
+    rings = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
+
+    def write() -> None:
+        low, size = rings[0].min(axis=0) - 5.0, np.ptp(rings[0], axis=0) + 10.0
+        now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(rings))]
+        lines = [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.6g}mm" '
+            f'height="{size[1]:.6g}mm" viewBox="{low[0]:.6g} {-low[1] - size[1]:.6g} '
+            f'{size[0]:.6g} {size[1]:.6g}" fill="none" stroke="black" stroke-width="0.3">'
+        ]
+        for points, style in [(p, "") for p in rings] + [
+            (p, ' stroke-dasharray="2 1"') for p in now
+        ]:
+            text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in points)
+            lines.append(f'<polygon points="{text}"{style}/>')
+        with written_whole(directory / "outline.svg") as temporary:
+            temporary.write_text("\n".join([*lines, "</svg>", ""]))
+
+    on_root(comm, write)
+
+
+def write_series(
+    directory: Path, forming: Forming, formed: Formed, notes: Mapping[str, Any]
+) -> None:
+    """Write series.vtkhdf, the cloth, and tools.vtkhdf over the same times. Collective.
+
+    Time is the number of stages that are done, and the share of the one that runs; it begins with
+    the flat blank. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
+    data: ``contact_pressure_kPa`` and ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
+    """
+    comm = forming.network.comm
+    states = [forming.blank.start(), *formed.states]
+    times = np.array([state.time for state in states])
+    notes = {**notes, "time_is": "stages done"}
+    cloth = (_cloth(forming, state) for state in states)
+    touching = ["pressure", *(f"distance to {tool.name}" for tool in forming.tools)]
+    changing = {_point(name) for name in touching} | {"CellData/yarn_direction"}
+    paraview.write_by_rank(
+        comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
+    )
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools = (_tools(forming, facets, state) for state in states)
+    paraview.write_by_rank(comm, directory / "tools.vtkhdf", tools, notes, times, {"Points"})
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+def draw_all(
+    directory: Path, forming: Forming, formed: Formed, record: Record, summary: dict[str, Any]
+) -> list[str]:
+    """Draw the formed blank and the curves; returns the pictures' names. Collective.
+
+    One in space that cannot be drawn here is left out, with a word in the log.
+    """
+    comm, title = forming.network.comm, pictures.plain_text(summary["title"])
+    table, state = record.table(), formed.states[-1]
+    time = np.append(0.0, [step.increment.control for step in record.steps])
+
+    def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
+        """Columns by their labels, from zero on."""
+        return {
+            label: scale * np.append(0.0, np.array(table[column], float))
+            for label, column in columns.items()
+        }
+
+    def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
+        return {label: (time, values) for label, values in over_time(columns).items()}
+
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools = tool_facets(forming, facets, state)[:2]
+    forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
+    edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
+    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
+    energies["bending"] += energies.pop("out_of_plane_bending")
+    spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
+    energies |= over_time(spent, 1e3)
+    axis = "stages done"
+    drawn = {
+        "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
+        "tool_forces.png": partial(
+            pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
+        ),
+        "draw_in.png": partial(
+            pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
+        ),
+        "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
+    }
+    written = []
+    for name, draw in drawn.items():
+        try:
+            pictures.save(comm, directory / name, draw)
+        except InputError as error:  # the results are worth more than a picture of them
+            record.log.warning("no %s: %s", name, error)
+        else:
+            written.append(name)
+    return written
+
+
+def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The cloth through its crossovers, or every k-th of them, on rank 0. Collective.
+
+    Points (n, 3), m, triangles (m, 3), and shear angles (n,), degrees; nothing on other ranks.
+    """
+    network, blank = forming.network, forming.blank
+    fields = blank.ply.fields(blank.of_cloth(state))
+    every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
+    taken = (network.crossover_ij % every == 0).all(axis=1)
+    place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
+    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
+    if gathered is None:
+        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros(0)
+    rows = np.concatenate(gathered)
+    i, j = (rows[:, :2] // every).astype(np.int64).T
+    i, j = i - i.min(), j - j.min()
+    number = np.full((i.max() + 2, j.max() + 2), -1)
+    number[i, j] = np.arange(len(rows))
+    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
+    return rows[:, 2:5], triangles[(triangles >= 0).all(axis=1)], rows[:, 5]
+
+
+def _point(name: str) -> str:
+    """Name in the file of a field of contact."""
+    name = "contact_pressure_kPa" if name == "pressure" else f"{name.replace(' ', '_')}_mm"
+    return f"PointData/{name}"
+
+
+def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
+    """Arrays of this rank's partition of the cloth. Collective."""
+    network, blank, ply = forming.network, forming.blank, forming.blank.ply
+    cloth = blank.of_cloth(state)
+    moved = ply.displacement(cloth)[1]
+    arrays = paraview.arrays(network, Fields(state.time, 0.0, ply.fields(cloth), moved))
+    arrays["Points"][:, 2] += 0.5 * forming.thickness  # where the blank lies
+    node = np.flatnonzero(~network.node_is_hinge)
+    at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
+    for name, values in contact_fields(blank, state).items():
+        scale = KPA if name == "pressure" else MM
+        arrays[_point(name)] = (scale * values[at]).astype("f4")
+    crossover, arm = np.nonzero(network.arm_length > 0)
+    along = np.stack(yarn_directions(blank, state))[arm % 2, crossover]
+    arrays["CellData/yarn_direction"] = along.astype("f4")
+    return arrays
+
+
+def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
+    """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
+    mine = forming.network.comm.rank == 0
+    points, triangles, number = tool_facets(forming, facets, state)
+    if not mine:
+        points, triangles, number = points[:0], triangles[:0], number[:0]
+    parts = int(mine)
+    return {
+        "NumberOfPoints": np.full(parts, len(points)),
+        "NumberOfCells": np.full(parts, len(triangles)),
+        "NumberOfConnectivityIds": np.full(parts, triangles.size),
+        "Points": points,
+        "Connectivity": triangles.ravel(),
+        "Offsets": 3 * np.arange(len(triangles) + parts),
+        "Types": np.full(len(triangles), VTK_TRIANGLE, np.uint8),
+        "CellData/tool": number.astype(np.int32),
+    }
+
+
+def tool_facets(
+    forming: Forming, facets: list, state: State
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All tools' triangles as they stand: points (n, 3) m, corners (m, 3), whose they are (m,)."""
+    points: list[np.ndarray] = []
+    triangles: list[np.ndarray] = []
+    numbers: list[np.ndarray] = []
+    count = 0
+    for number, (tool, node, (corners, cells)) in enumerate(
+        zip(forming.tools, forming.blank.tool_node, facets, strict=True)
+    ):
+        pose = Pose(state.x[node], state.hold.rotations[tool.name])
+        points.append(pose.to_lab(corners))
+        triangles.append(cells.astype(np.int64) + count)
+        numbers.append(np.full(len(cells), number))
+        count += len(corners)
+    return np.concatenate(points), np.concatenate(triangles), np.concatenate(numbers)

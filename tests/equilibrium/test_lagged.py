@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: MIT
+"""Equilibrium with what is taken as given: how long it is sought, what is said when it is not."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cruciform_petsc.equilibrium import lagged
+from cruciform_petsc.equilibrium.lagged import settle
+from cruciform_petsc.equilibrium.state import Found, Hold, State
+from cruciform_petsc.errors import EquilibriumError
+
+
+class Pushed:
+    """A spring of 1 N/m pushed by 10 N less ``back`` times where it is, as that was before."""
+
+    def __init__(self, back):
+        self.back, self.model, self.solved = back, SimpleNamespace(lagged=self.lagged), 0
+
+    def solve(self, guess):
+        self.solved += 1
+        x = np.full((1, 3), guess.memory["push"]["force"])
+        return Found(replace(guess, x=x), {}, x, 2, 0.0, 1.0, [1.0, 0.0], 1, 3, 0.5)
+
+    def lagged(self, state):
+        force = 10.0 - self.back * state.x[0, 0]
+        change = abs(force - state.memory["push"]["force"])
+        return replace(state, memory={"push": {"force": force}}), change, abs(force)
+
+
+def start():
+    """At rest, nothing known of the push."""
+    hold = Hold(*(np.zeros(0, int), *(np.zeros((0, 3, 3)),) * 4))
+    return State(np.zeros((1, 3)), hold, memory={"push": {"force": 0.0}})
+
+
+@pytest.mark.parametrize("back", [0.0, 0.25, 0.7])
+def test_it_settles(back):
+    """Until what is taken as given is right to a thousandth; rounds and steps are summed."""
+    pushed = Pushed(back)
+    found = settle(pushed, start())
+    assert found.state.x[0, 0] == pytest.approx(10.0 / (1.0 + back), rel=1.1 * lagged.SETTLED)
+    assert found.rounds == pushed.solved > 1
+    assert found.iterations == 2 * found.rounds
+    assert (found.shifted, found.linear_iterations) == (found.rounds, 3 * found.rounds)
+    assert found.seconds == pytest.approx(0.5 * found.rounds)
+
+
+def test_it_does_not_settle():
+    """To and fro for ever: an error that says by how much, after MOST_ROUNDS."""
+    pushed = Pushed(1.0)
+    with pytest.raises(EquilibriumError, match=r"friction does not settle: .* 10 of (0|10) N"):
+        settle(pushed, start())
+    assert pushed.solved == lagged.MOST_ROUNDS

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: MIT
+"""Forming from a case file to results: where tools start, forces, files, what ends it early."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from support.forming import CASE, formed, written
+
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cli import main
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.forming.measures import DrawIn, penetration
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.formed import stage_number
+
+COMM = MPI.COMM_SELF
+SYRUP = 'gravity = true\ncontact = { viscosity = "1e6 N s/m^3" }'
+KEYS = {
+    "stages", "tool_force_n", "shear_max_deg", "shear_p99_deg", "draw_in_mm", "penetration_max_mm",
+    "energy_j", "contact", "crossovers", "dofs", "wall_s", "peak_mib_per_rank", "warnings",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def cup(tmp_path_factory):
+    return formed(COMM, written(tmp_path_factory.mktemp("cup")))
+
+
+def test_tools_start_where_they_touch(cup):
+    """The die's flat at z = 0, punch and holder a thickness above it."""
+    forming, _ = cup
+    places = {tool.name: tool.start.place for tool in forming.tools}
+    np.testing.assert_allclose(places["die"], [0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(places["holder"], [0, 0, 1e-3], atol=1e-12)
+    # A crossover lies at the centre, where the pole of the punch is.
+    np.testing.assert_allclose(places["punch"], [0, 0, 13e-3], atol=1e-9)
+    assert max(map(abs, forming.gaps.values())) < 1e-9
+
+
+def test_forces_balance_and_the_work_is_there(cup):
+    """Tools' forces add up to none; the holder has its force; work is energy, roughly."""
+    forming, result = cup
+    last = result.steps[-1]
+    assert np.linalg.norm(sum(last.tool_force.values())) < 1e-2
+    assert last.tool_force["holder"][2] == pytest.approx(-5.0)
+    assert last.tool_force["punch"][2] < -0.1
+    assert [step.increment.asked for step in result.steps] == [True] * 3
+    energies = last.increment.energies
+    stored = sum(energies[mode] for mode in ("tension", "shear", "bending", "contact"))
+    stored += energies["out_of_plane_bending"] + sum(last.spent.values())
+    assert last.work == pytest.approx(stored, rel=0.5)
+    drawn = DrawIn(forming.blank).largest(result.states[-1])
+    assert list(drawn) == ["lower", "upper", "left", "right"]
+    assert min(drawn.values()) > 0.3e-3
+    assert max(drawn.values()) == pytest.approx(min(drawn.values()), rel=1e-3)  # symmetric
+    assert 0.0 < penetration(forming.blank, result.states[-1]) < 0.6e-3
+
+
+def test_draw_in_is_inwards_by_edge(cup):
+    """Of a blank moved and squeezed by hand; a round outline is one edge."""
+    forming, _ = cup
+    blank = forming.blank
+    state = blank.start()
+    x = state.x.copy()
+    x[blank.cloth_at] *= [0.9, 1.0, 1.0]
+    x[blank.cloth_at] += [0.0, 1e-3, 0.0]
+    drawn = DrawIn(blank).largest(state.moved(x - state.x))
+    expected = {"lower": 1e-3, "upper": -1e-3, "left": 2.8e-3, "right": 2.8e-3}
+    assert drawn == pytest.approx(expected, abs=1e-9)
+
+
+def test_removed_tools_press_no_more(tmp_path):
+    """Punch and holder are taken away: what is left is the die, and no force."""
+    path = written(
+        tmp_path, ('travel = { punch = ["0 mm", "0 mm", "-6 mm"] }', 'remove = ["punch", "holder"]')
+    )
+    forming, result = formed(COMM, path)
+    for name in ("punch", "holder"):
+        assert abs(result.steps[-1].tool_force[name]).max() < 1e-6
+    assert penetration(forming.blank, result.states[-1]) < 0.1e-3
+
+
+def test_a_tool_in_the_cloth_is_refused(tmp_path):
+    place = 'shaft = true } }\nplace = ["0 mm", "0 mm", "10 mm"]'
+    case = Case.load(written(tmp_path, ("shaft = true } }", place)))
+    network = Network(COMM, case.preform(), case.fabric())
+    with pytest.raises(InputError, match='tool "punch" starts 3 mm deep in the cloth, at x = .* m'):
+        case.forming(network)
+    aside = 'place = ["0 mm", "0 mm", "20 mm"]\nfriction = 0.2\n[[tool]]\nname = "holder"'
+    case = Case.load(written(tmp_path, ('friction = 0.2\n[[tool]]\nname = "holder"', aside)))
+    forming = case.forming(network)
+    assert forming.gaps["punch"] == pytest.approx(7e-3, abs=1e-6)
+    assert 'tool "punch", above the cloth, starts at 0 mm, 0 mm, 20 mm, 7 mm' in forming.check()[1]
+
+
+def test_clearance_and_radii_are_remarked_on(tmp_path):
+    """A punch of 13.5 mm in an opening of 14 mm leaves less than the cloth; a rim of 0.8 mm."""
+    path = written(tmp_path, ('radius = "12 mm"', 'radius = "13.5 mm"'), ("-6 mm", "-20 mm"))
+    case = Case.load(path)
+    remarks = case.forming(Network(COMM, case.preform(), case.fabric())).remarks
+    assert any('tool "punch" leaves 0.5 mm to tool "die", less than' in r for r in remarks)
+    assert any('tool "holder" has radii down to' in remark for remark in remarks)
+    assert any("wrinkles start from rounding" in remark for remark in remarks)
+
+
+def test_run_and_check(tmp_path, capfd):
+    """What a user types, and all that it leaves."""
+    path, folder = written(tmp_path), tmp_path / "out"
+    assert main(["check", str(path)]) == 0
+    told = capfd.readouterr().out
+    assert "crossovers and" in told
+    assert 'tool "holder", above the cloth, starts at 0 mm, 0 mm, 1 mm, 0 mm from it' in told
+    path.write_text(f"{CASE}[output]\npictures = false\n")
+    assert main(["run", str(path), "--output", str(folder)]) == 0
+    log = capfd.readouterr()
+    assert log.err == ""
+    assert "resume" not in log.out
+    assert "draw  100.0 %, punch" in log.out
+    summary = json.loads((folder / "summary.json").read_text())
+    assert set(summary) >= KEYS
+    assert [stage["name"] for stage in summary["stages"]] == ["close", "draw"]
+    assert [stage["steps"] for stage in summary["stages"]] == [1, 2]
+    with (folder / "forces.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["stage"] for row in rows] == ["close", "draw", "draw"]
+    assert float(rows[-1]["punch_z_mm"]) == pytest.approx(7.0)
+    assert float(rows[-1]["punch_force_z_N"]) == summary["tool_force_n"]["punch"][2]
+    with (folder / "fields.csv").open() as file:
+        fields = list(csv.DictReader(file))
+    assert len(fields) == summary["crossovers"]
+    shear = [abs(float(row["shear_deg"])) for row in fields if row["carrying"] == "1"]
+    assert max(shear) == pytest.approx(summary["shear_max_deg"])
+    warp = np.array([[float(row[f"warp_{a}"]) for a in "xyz"] for row in fields])
+    np.testing.assert_allclose(np.linalg.norm(warp, axis=1), 1.0, atol=1e-9)
+    with (folder / "outline.csv").open() as file:
+        ends = list(csv.DictReader(file))
+    assert len(ends) == 4 * 13  # of 13 warp and 13 weft yarns
+    place = np.array([[float(row[key]) for key in ("x_rest_mm", "y_rest_mm")] for row in ends])
+    assert np.isclose(abs(place).max(axis=1), 28.0).all()
+    steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    assert steps.max() < 5.0  # in order along the outline, 4.17 mm apart
+    drawn = 28.0 - min(abs(float(row["x_mm"])) for row in ends if float(row["x_rest_mm"]) > 27.9)
+    assert drawn == pytest.approx(summary["draw_in_mm"]["right"])
+    assert (folder / "outline.svg").read_text().count("<polygon") == 2
+    assert {path.name for path in folder.iterdir() if path.suffix == ".vtkhdf"} == {
+        "series.vtkhdf", "tools.vtkhdf",
+    }  # fmt: skip
+
+
+def test_pictures_and_report(tmp_path):
+    """The page has what was formed, forces and draw-in; the picture in space where VTK can draw."""
+    path, folder = written(tmp_path), tmp_path / "out"
+    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
+    drawn = {path.name for path in folder.glob("*.png")}
+    assert drawn >= {"tool_forces.png", "draw_in.png", "energy.png"}
+    page = (folder / "report.html").read_text()
+    for text in ("Forming", "punch, force along z", "[[tool]]", "[[stage]]", "Wrinkles start from"):
+        assert text.lower() in page.lower()
+    assert page.count("<img") == len(drawn)
+
+
+def test_series_of_cloth_and_tools(tmp_path):
+    """The same times in both files; the punch moves, the die does not; units stand in names."""
+    import h5py
+
+    path, folder = written(tmp_path), tmp_path / "out"
+    path.write_text(f"{CASE}[output]\npictures = false\n")
+    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
+    with h5py.File(folder / "series.vtkhdf") as cloth, h5py.File(folder / "tools.vtkhdf") as tools:
+        cloth, tools = cloth["VTKHDF"], tools["VTKHDF"]
+        for file in (cloth, tools):
+            np.testing.assert_allclose(file["Steps/Values"], [0.0, 1.0, 1.5, 2.0])
+        points = cloth["Points"][:].reshape(4, -1, 3)
+        np.testing.assert_allclose(points[0, :, 2], 0.5e-3, atol=1e-12)  # flat, on the die
+        assert points[3, :, 2].min() == pytest.approx(-5.5e-3, abs=0.7e-3)
+        pressure = cloth["PointData/contact_pressure_kPa"][:].reshape(4, -1)
+        assert np.nanmax(pressure[3]) > np.nanmax(pressure[1]) > 0.0
+        assert {f"distance_to_{name}_mm" for name in ("die", "punch", "holder")} < set(
+            cloth["PointData"]
+        )
+        assert cloth["CellData/yarn_direction"].shape[1] == 3
+        corners = tools["Points"][:].reshape(4, -1, 3)
+        moved = corners[3] - corners[1]
+        number = tools["CellData/tool"][:]
+        cells = tools["Connectivity"][:].reshape(-1, 3)
+        for tool, way in ((0, 0.0), (1, -6e-3)):
+            np.testing.assert_allclose(moved[cells[number == tool]][..., 2], way, atol=1e-9)
+
+
+def test_what_cannot_go_on_keeps_what_it_reached(tmp_path, capfd):
+    """A punch that closes on a flat plate: where, at what share, and all steps up to there."""
+    plate = 'shape = { plane = {} }\nfriction = 0.2\n[[tool]]\nname = "punch"'
+    die = CASE[CASE.index("shape = { revolve") : CASE.index('name = "punch"')]
+    path = written(
+        tmp_path,
+        (die, plate.removesuffix('name = "punch"')),
+        ("-6 mm", "-40 mm"),
+    )
+    path.write_text(path.read_text() + "[output]\npictures = false\n")
+    folder = tmp_path / "out"
+    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 2
+    told = capfd.readouterr().err
+    assert "forming: no equilibrium beyond 0 %" in told
+    assert 'tool "punch" lies' in told
+    assert "deep in the cloth, which is 1 mm thick" in told
+    assert 'of stage "draw"' in told
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["ended_early"] in told
+    assert summary["stages"][0]["steps"] == 1
+    assert (folder / "fields.csv").exists()
+
+
+def test_weight_rests_on_the_disc(tmp_path, capfd):
+    """Cloth laid on a plate presses with its weight; viscosity that counts is told."""
+    tools = CASE[CASE.index("[[tool]]") : CASE.index("[[stage]]")]
+    stages = CASE[CASE.index("[[stage]]") :]
+    plate = "[[tool]]\nname = 'plate'\nshape = {{ ring = {{ outer_radius = '{} mm' }} }}\n"
+    rest = "[[stage]]\nname = 'rest'\n"
+    more = 'imperfection = { height = "0 mm" }\ngravity = true'
+    old = 'imperfection = { height = "0 mm" }'
+    path = written(tmp_path, (tools, plate.format(60)), (stages, rest), (old, more))
+    _, result = formed(COMM, path)
+    weight = 0.576 * 9.80665 * 0.056**2
+    assert result.steps[-1].tool_force["plate"][2] == pytest.approx(weight, rel=1e-3)
+    text = path.read_text().replace("60 mm", "10 mm").replace("gravity = true", SYRUP)
+    path.write_text(f"{text}[output]\npictures = false\n")
+    assert main(["run", str(path), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "viscosity has taken" in capfd.readouterr().out
+
+
+def test_stage_of_a_time():
+    assert [stage_number(t) for t in (0.0, 0.3, 1.0, 1.2, 2.0)] == [0, 0, 0, 1, 1]
+
+
+def test_no_resume_is_offered(tmp_path, capfd):
+    """There are no checkpoints of a forming, and it is said."""
+    assert main(["resume", str(written(tmp_path))]) == 2
+    assert "a forming keeps no checkpoints, begin anew with" in capfd.readouterr().err

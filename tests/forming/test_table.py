@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""Forming in a case file: each key's mistakes are one sentence each, with its line."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from support.forming import CASE, written
+
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.forming.table import below_cloth
+from cruciform_petsc.net.network import Network
+
+DRAW = 'travel = { punch = ["0 mm", "0 mm", "-6 mm"] }'
+CLOSE = 'force = { holder = "5 N" }'
+HOLDER = CASE[CASE.index('[[tool]]\nname = "holder"') : CASE.index("[[stage]]")]
+TOOLS = CASE[CASE.index("[[tool]]") : CASE.index("[[stage]]")]
+STAGES = CASE[CASE.index("[[stage]]") :]
+TEST = 'imperfection = { height = "0 mm" }'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('thickness = "1 mm"\n', "", "fabric.thickness is missing, which test.kind"),
+        (
+            'warp = { modulus = "520 N/cm", poisson = 0, yarns = "2.4 /cm", '
+            'yarn_bending = "0.6 N mm^2", out_of_plane_bending = "1 N mm" }',
+            'warp = { modulus = "520 N/cm", poisson = 0, yarns = "2.4 /cm", '
+            'yarn_bending = "0.6 N mm^2" }',
+            "line 4: fabric.warp.out_of_plane_bending is missing",
+        ),
+        (TEST, "finite = true", 'line 15: [test] has the unknown key "finite" (known: kind,'),
+        (TEST, "gravity = 1", "line 15: test.gravity must be true or false, got 1"),
+        (TEST, 'imperfection = { height = "-1 mm" }', "test.imperfection.height must be zero or"),
+        (TEST, "imperfection = { seed = -1 }", "test.imperfection.seed must be at least 0, got -1"),
+        (TEST, 'contact = { stiffness = "20 N/mm" }', 'test.contact.stiffness = "20 N/mm" has the'),
+        (TEST, 'contact = { elastic_slip = "0 mm" }', "test.contact.elastic_slip must be positive"),
+        (TEST, 'contact = { viscosity = "-1 N s/m^3" }', "test.contact.viscosity must be zero or"),
+        (TOOLS, "", 'test.kind = "forming" needs at least one [[tool]]'),
+        (STAGES, "", 'test.kind = "forming" needs at least one [[stage]]'),
+        ('name = "die"', 'name = "bends"', 'line 17: tool[0].name = "bends" is what the program'),
+        ('name = "die"', 'name = "punch"', 'tool[1].name = "punch" is another tool\'s name, too'),
+        ('name = "die"', 'name = "die\\n"', "must be of up to 40 letters, digits"),
+        (HOLDER, "[[tool]]\nname='holder'\n", "line 24: tool[2].shape is missing"),
+        (
+            'ring = { inner_radius = "20 mm"',
+            'ring = { iner_radius = "20 mm"',
+            '[tool[2].shape.ring] has the unknown key "iner_radius" (did you mean "inner_radius"?)',
+        ),
+        (CLOSE, 'force = { holdr = "5 N" }', "there is no tool 'holdr' (did you mean \"holder\"?"),
+        (CLOSE, 'force = { holder = "5 mm" }', "line 30: stage[0].force.holder = \"5 mm\" has the"),
+        (CLOSE, 'force = { holder = "-5 N" }', "stage[0].force.holder must be positive, towards"),
+        (CLOSE, 'force = { holder = "0 N" }', "stage[0].force.holder is zero: a tool that is not"),
+        (CLOSE, 'force = { holder = ["0 N", "5 N"] }', "must be one force, or a list of 3 for x,"),
+        (DRAW, 'travel = { punch = "5 mm" }', "line 34: stage[1].travel.punch must be a"),
+        (DRAW, 'travel = { punch = ["5 mm"] }', "stage[1].travel.punch must be a list of 3"),
+        (DRAW, "turn = { punch = { angle = 3 } }", "turn.punch.angle is the bare number 3"),
+        (
+            DRAW,
+            'turn = { punch = { angel = "3 deg", axis = [0.0, 0.0, 1.0] } }',
+            'has the unknown key "angel" (did you mean "angle"?)',
+        ),
+        (DRAW, "curve = { punch = [[0.0, 0.0]] }", "stage[1].curve.punch must be a list of"),
+        (
+            DRAW,
+            "curve = { punch = [[0.0, 0.0], [1.0, 1.0]] }",
+            'stage[1].curve: tool "punch" does not travel or turn in this stage',
+        ),
+        (
+            DRAW,
+            DRAW + '\nforce = { punch = "1 N" }',
+            'stage[1].force: tool "punch" travels or turns in this stage',
+        ),
+        (DRAW, DRAW + '\nremove = ["punch"]', 'stage[1].remove: tool "punch" moves in this stage'),
+        (CLOSE, 'remove = ["punch"]', 'stage[1].travel: tool "punch" was removed in an earlier'),
+        ("results = 2", "results = 0", "stage[1].results must be a whole number from 1 up, got 0"),
+        ("step = 0.5", "step = 2.0", "stage[1].step must be a share of the stage from 0.0001 to 1"),
+        ("step = 0.5", "steps = 0.5", '[stage[1]] has the unknown key "steps" (did you mean'),
+        ('title = "Cup"', "output = { exports = true }", "output.exports is not for forming"),
+        ('title = "Cup"', "continuum = { ladder = [1] }", "continuum.ladder is not for forming"),
+        (
+            f'kind = "forming"\n{TEST}',
+            'extension = "1 mm"',
+            'tool is for test.kind = "forming", not "bias-extension"',
+        ),
+        ('kind = "forming"', 'kind = "forning"', 'test "forning" (did you mean "forming"?'),
+    ],
+)  # fmt: skip
+def test_refused(tmp_path, old, new, sentence):
+    with pytest.raises(InputError) as caught:
+        Case.load(written(tmp_path, (old, new)))
+    assert sentence in str(caught.value)
+
+
+def test_weight_needs_an_areal_density(tmp_path):
+    path = written(tmp_path, ('areal_density = "576 g/m^2"\n', ""), (TEST, "gravity = true"))
+    with pytest.raises(InputError, match=r"areal_density is missing, which test.gravity = true"):
+        Case.load(path)
+    last = 'name = "end"\nremove = ["die", "punch", "holder"]\n[[stage]]\nname = "draw"'
+    path = written(tmp_path, (TEST, "gravity = true"), ('name = "draw"', last), (DRAW, ""))
+    with pytest.raises(InputError, match="without any tool nothing holds the cloth's weight"):
+        Case.load(path)
+
+
+def test_what_lies_below(tmp_path):
+    """What looks up, goes up first, or never moves is below; the rest comes from above."""
+    both, end = {"die", "punch"}, 'outer_radius = "60 mm" }'
+    turned = 'turn = { punch = { angle = "3 deg", axis = [0.0, 0.0, 1.0] } }'
+    next_tool = ' }\nfriction = 0.2\n[[tool]]\nname = "punch"'
+    for changes, below in (
+        ([], {"die"}),
+        ([(DRAW, 'travel = { punch = ["0 mm", "0 mm", "6 mm"] }')], both),
+        ([(DRAW, turned)], both),
+        ([(CLOSE, 'force = { holder = ["0 N", "0 N", "5 N"] }')], {"die", "holder"}),
+        ([("shaft = true } }", 'shaft = true }, side = "+z" }')], both),
+        ([(end + next_tool, end + ', side = "-z"' + next_tool)], set()),
+    ):
+        case = Case.load(written(tmp_path, *changes))
+        assert below_cloth(case.tools, case.stages) == below
+
+
+def test_the_origin_is_the_centre(tmp_path):
+    """Wherever the outline is drawn, with its origin of the lattice."""
+    polygon = (
+        'polygon = [["10 mm", "5 mm"], ["66 mm", "5 mm"], ["66 mm", "61 mm"], ["10 mm", "61 mm"]]'
+    )
+    path = written(
+        tmp_path,
+        ('rectangle = ["56 mm", "56 mm"]', polygon),
+        ('bias_angle = "0 deg"', 'bias_angle = "0 deg"\norigin = ["39 mm", "33 mm"]'),
+    )
+    preform = Case.load(path).preform()
+    np.testing.assert_allclose(preform.outline.bounds, [-0.028, -0.028, 0.028, 0.028], atol=1e-15)
+    np.testing.assert_allclose(preform.lattice_origin, [1e-3, 0.0], atol=1e-15)
+    assert {"lower", "upper", "left", "right"} < set(preform.edges)
+
+
+def test_files_of_tools_are_relative_to_the_case(tmp_path, monkeypatch):
+    """Wherever the program is started, and with an empty or a missing name refused."""
+    monkeypatch.chdir("/")
+    shape = 'shape = { sphere = { radius = "12 mm", shaft = true } }'
+    case = Case.load(written(tmp_path, (shape, 'shape = { file = "punch.stl", unit = "mm" }')))
+    assert case.tools[1].shape.file == str(tmp_path / "punch.stl")
+    assert Case.from_data(case.model_dump()) == case
+    network = Network(MPI.COMM_SELF, case.preform(), case.fabric())
+    with pytest.raises(InputError, match=r'tool "punch": .*punch.stl'):
+        case.forming(network)
+    path = written(tmp_path, (shape, 'shape = { file = "" }'))
+    with pytest.raises(InputError, match=r"tool\[1\].shape.file must be a name that is not empty"):
+        Case.load(path)

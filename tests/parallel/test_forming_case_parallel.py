@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: MIT
+"""Forming on several ranks: fields, forces and files as on one."""
+
+import csv
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from support.forming import CASE, formed, written
+
+from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cli import main
+from cruciform_petsc.errors import InputError
+from cruciform_petsc.forming.measures import shear_figures
+from cruciform_petsc.net.network import Network
+
+COMM = MPI.COMM_WORLD
+STROKE = 6e-3
+pytestmark = pytest.mark.three_ranks
+
+
+def shared(folder, *changes):
+    """The case's path on every rank, once it is written."""
+    path = written(folder, *changes) if COMM.rank == 0 else folder / "cup.toml"
+    COMM.barrier()
+    return path
+
+
+def test_fields_are_those_of_one_rank(tmp_path):
+    path = shared(tmp_path)
+    forming, result = formed(COMM, path)
+    alone, expected = formed(MPI.COMM_SELF, path)
+    assert [s.increment.control for s in result.steps] == [
+        s.increment.control for s in expected.steps
+    ]
+    state, one = result.states[-1], expected.states[-1]
+    fields = forming.blank.ply.fields(forming.blank.of_cloth(state))
+    known = alone.blank.ply.fields(alone.blank.of_cloth(one))
+    order = np.argsort(alone.network.crossover_number_global)
+    number = forming.network.crossover_number_global
+    moved = known["displacement"][order][number]
+    np.testing.assert_allclose(fields["displacement"], moved, rtol=0, atol=1e-6 * STROKE)
+    for name, force in expected.steps[-1].tool_force.items():
+        np.testing.assert_allclose(result.steps[-1].tool_force[name], force, rtol=0, atol=1e-5)
+    figures = shear_figures(forming.blank, fields)
+    assert figures == pytest.approx(shear_figures(alone.blank, known), abs=1e-4)
+
+
+def test_files_are_those_of_one_rank(tmp_path):
+    """fields.csv in one order, whatever the ranks."""
+    path = shared(tmp_path)
+    if COMM.rank == 0:
+        path.write_text(f"{CASE}[output]\npictures = false\n")
+    COMM.barrier()
+    assert main(["run", str(path), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    if COMM.rank == 0:
+        with (tmp_path / "out" / "fields.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert [int(row["crossover"]) for row in rows] == list(range(len(rows)))
+        assert (tmp_path / "out" / "tools.vtkhdf").stat().st_size > 10_000
+
+
+def test_a_tool_in_the_cloth_is_refused_on_all(tmp_path):
+    """One sentence, the same on every rank, though one rank only may own the place."""
+    place = 'shaft = true } }\nplace = ["20 mm", "20 mm", "10 mm"]'
+    case = Case.load_collective(COMM, shared(tmp_path, ("shaft = true } }", place)))
+    network = Network(COMM, case.preform(), case.fabric())
+    with pytest.raises(InputError, match='tool "punch" starts .* deep in the cloth') as caught:
+        case.forming(network)
+    assert len(set(COMM.allgather(str(caught.value)))) == 1
