@@ -327,7 +327,7 @@ def test_bad_override(write, override):
             ["test.kind=bias"],  # nearer to "biaxial" by its letters
             'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
             '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
-            '"pantograph")',
+            '"pantograph", "forming")',
         ),
         (
             ["test.kind=bias-extention"],
