@@ -368,7 +368,8 @@ def _numbers(header: _Header, pair: tuple[int, int]) -> np.ndarray:
             raise InputError(f'line {lines[k]}: {what} must be a finite number, got "{cut(text)}"')
         values[k] = value
     factors = [header.factors[i][which] for which, i in enumerate(pair)]
-    return (values.reshape(-1, 2) * factors).T
+    with np.errstate(over="ignore"):  # what is not finite is refused where curves are checked
+        return (values.reshape(-1, 2) * factors).T
 
 
 def _decimal_mark(texts: list[str], lines: list[int], delimiter: str) -> str:
