@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from ..cloth.fabric import Fabric
+from ..equilibrium.cloth import holder
 from ..equilibrium.model import Model
 from ..equilibrium.state import Hold, State
 from ..items.contact import Contact
@@ -123,6 +124,7 @@ class Blank:
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
+        self._held = holder(ply)([])  # where edges hold the cloth, at rest
         place = np.array([tool.start.place for tool in tools]).reshape(-1, 3)
         tool_nodes = ToolNodes(self.comm, place)
         self.nodes = JoinedNodes([ply.nodes, tool_nodes])
@@ -162,18 +164,15 @@ class Blank:
         rotations: Mapping[str, np.ndarray],
     ) -> Hold:
         """Tools held at places (n, 3), but for axes that are free (n, 3), and turned."""
-        ply = self.ply
-        cloth = np.flatnonzero(ply.fixed.any(axis=1)).astype(np.int32)
-        nodes = np.concatenate([self.cloth_at[cloth], self.tool_node])
-        axes = self.nodes.frame[nodes]
-        rest = ply.nodes.rest[cloth]
-        turn = np.tile(np.eye(3), (len(ply.clamped), 1, 1))
-        fixed = np.concatenate([ply.fixed[cloth], ~free])
-        return Hold(nodes, axes, fixed, np.concatenate([rest, place]), turn, rotations)
+        cloth = self._held
+        nodes = np.concatenate([self.cloth_at[cloth.nodes], self.tool_node])
+        fixed = np.concatenate([cloth.fixed, ~free])
+        place = np.concatenate([cloth.place, place])
+        return Hold(nodes, self.nodes.frame[nodes], fixed, place, cloth.turn, rotations)
 
     def start(self) -> State:
         """At rest, the tools where they start."""
-        place = np.array([tool.start.place for tool in self.tools]).reshape(-1, 3)
+        place = self.nodes.rest[self.tool_node]
         rotations = {tool.name: tool.start.turn for tool in self.tools}
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
         state = State(self.nodes.rest, hold, factors=self.factors)

@@ -88,7 +88,8 @@ def form(
         model, state, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )
     names = [tool.name for tool in blank.tools]
-    last: list[tuple[np.ndarray, np.ndarray]] = []  # places of tools, forces on them
+    place = state.x[blank.tool_node]  # of the tools after the last step, and what drove them
+    driving = np.zeros_like(place)
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
@@ -106,35 +107,28 @@ def form(
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:
-        nonlocal work
+        nonlocal work, place, driving
         state = path.state  # with anchors where they are now
-        place = state.x[blank.tool_node]
+        before, force, place = place, driving, state.x[blank.tool_node]
         # What drives a tool holds it against the cloth, or is the force that pushes it.
         held = np.array([step.forces[name] for name in names]).reshape(-1, 3)
-        pushed = press.push(state.time)
-        driving = np.where(press.free, pushed, held)
-        if last:
-            before, force = last.pop()
-            work += 0.5 * float(((force + driving) * (place - before)).sum())
-        last.append((place, driving))
+        driving = np.where(press.free, press.push(state.time), held)
+        work += 0.5 * float(((force + driving) * (place - before)).sum())
         done = FormingStep(
             plan.name,
             step.increment,
-            dict(zip(names, np.where(press.free, pushed, held), strict=True)),
+            dict(zip(names, driving, strict=True)),
             dict(zip(names, place, strict=True)),
             blank.spent(state),
             work,
         )
-        formed.steps.append(done)
-        if formed.states and not asked[-1]:
+        if formed.steps and not formed.steps[-1].increment.asked:
             formed.states.pop()
+        formed.steps.append(done)
         formed.states.append(state)
-        asked.append(step.increment.asked)
         if accepted is not None:
             accepted(done, state)
 
-    asked = [True]
-    last.append((state.x[blank.tool_node], np.zeros((len(names), 3))))
     try:
         for number, plan in enumerate(plans):
             press = Press(blank, plan, posture, float(number))

@@ -105,8 +105,7 @@ class Contact(Item):
         energy, force, stiffness = room(len(y), 2, 2, 3, level)
         d, n, curvature = self.surface.look(y)
         at = np.flatnonzero(d < self.offset)
-        stiffness_now = self.stiffness * state.factors.get(self.name, 1.0)
-        e, q, k = compaction(self.offset - d[at], stiffness_now, self.width)
+        e, q, k = self._compacted(state, d[at])
         energy[:] = 0.0
         energy[at, 0] = area[at] * e
         f, h = np.zeros((len(y), 3)), np.zeros((len(y), 3, 3) if level >= STIFFNESS else 0)
@@ -128,13 +127,16 @@ class Contact(Item):
             stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
         return energy, force, stiffness
 
+    def _compacted(self, state: Placed, distance: np.ndarray):
+        """See compaction, at distances (n,) from the surface; a tool may be on its way out."""
+        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
+        return compaction(self.offset - distance, stiffness, self.width)
+
     def _rub(self, y, memory: Mapping[str, np.ndarray], level, energy, f, h) -> None:
         """Add friction to energy (m, 2), force (m, 3) and stiffness (m, 3, 3), in place."""
         at = np.flatnonzero(memory["pressed"] > 0.0)
         n, limit = memory["normal"][at], self.friction * memory["pressed"][at]
-        gap = y[at] - memory["anchor"][at]
-        gap -= (gap * n).sum(axis=1)[:, None] * n
-        s = np.linalg.norm(gap, axis=1)
+        gap, s = _along(y[at] - memory["anchor"][at], n)
         r = s / self.slip
         energy[at, 1] = limit * self.slip * np.where(r < 1, r**2 - r**3 / 3, r - 1 / 3)
         if level < FORCE:
@@ -156,8 +158,7 @@ class Contact(Item):
         """See Item.lagged: forces and normals; nodes that touch anew stick where they are."""
         y, old = self.local(state), state.memory.get(self.name)
         d, normal, _ = self.surface.look(y)
-        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
-        pressed = self.area * compaction(self.offset - d, stiffness, self.width)[1]
+        pressed = self.area * self._compacted(state, d)[1]
         before = old["pressed"] if old else np.zeros(len(y))
         anchor = old["anchor"] if old else np.full_like(y, np.nan)
         anchor = np.where(np.isnan(anchor) & (pressed > 0)[:, None], y, anchor)
@@ -168,10 +169,10 @@ class Contact(Item):
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
         """See Item.accepted: anchors follow what has slipped; what lets go forgets its anchor."""
-        memory = dict(self.lagged(state)[0])
-        gap, s = self._slipped(state, memory)
+        memory, y = self.lagged(state)[0], self.local(state)
+        gap, s = _along(np.nan_to_num(y - memory["anchor"]), memory["normal"])  # NaN: no anchor
         keep = np.minimum(1.0, self.slip / np.maximum(s, 1e-300))
-        moved = self.local(state) - keep[:, None] * gap
+        moved = y - keep[:, None] * gap
         slid = np.maximum(s - self.slip, 0.0)
         memory["spent"] = memory["spent"] + self.friction * memory["pressed"] * slid
         anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
@@ -188,16 +189,14 @@ class Contact(Item):
         at = memory["pressed"] > 0.0
         return self.nodes[at, 0], after.x[tool] + self.local(before)[at] @ turn.T
 
-    def _slipped(self, state: Placed, memory) -> tuple[np.ndarray, np.ndarray]:
-        """Vectors (m, 3) from anchors along the tool, and their lengths; 0 without an anchor."""
-        gap = np.nan_to_num(self.local(state) - memory["anchor"])
-        gap -= (gap * memory["normal"]).sum(axis=1)[:, None] * memory["normal"]
-        return gap, np.linalg.norm(gap, axis=1)
-
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
-        """Distance to the tool [m], pressure [Pa], slip since the last step [m]; (m,)."""
-        y = self.local(state)
-        distance = self.surface.look(y)[0] - self.offset
-        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
-        pressure = compaction(-distance, stiffness, self.width)[1]
-        return {"distance": distance, "pressure": pressure}
+        """Distance of the cloth's face to the tool [m] and pressure [Pa]; (m,)."""
+        distance = self.surface.look(self.local(state))[0]
+        pressure = self._compacted(state, distance)[1]
+        return {"distance": distance - self.offset, "pressure": pressure}
+
+
+def _along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of vectors (m, 3) across normals (m, 3), along the tool, and its length (m,)."""
+    gap = gap - (gap * normal).sum(axis=1)[:, None] * normal
+    return gap, np.linalg.norm(gap, axis=1)
