@@ -84,13 +84,14 @@ def read_given(path: str | Path, what: str, kind: str, most: int, *, zeros: bool
     raise InputError(f'{what} "{path}" {problem}')
 
 
-def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Read a TOML file that the user has named; every way this can fail is one sentence."""
+def read_toml(path: str | Path, what: str) -> tuple[str, dict[str, Any]]:
+    """Text of a TOML file that the user has named, and its data; all that fails is one sentence."""
     data = read_given(path, what, "TOML", LARGEST_CASE)
     problem = "is empty"
     try:
         if data.strip():
-            return parse_toml(data.decode("utf-8-sig"))
+            text = data.decode("utf-8-sig")
+            return text, parse_toml(text)
     except UnicodeDecodeError as error:
         problem = f"is not UTF-8 text (byte {error.start + 1}), save it as UTF-8"
     except ValueError as error:

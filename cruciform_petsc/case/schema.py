@@ -25,7 +25,7 @@ from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..forming.kind import Forming
 from ..forming.table import FormingTable, StageTable, check_stages
 from ..parallel import on_root
-from ..reading import LARGEST_CASE, parse_toml, read_given, read_toml
+from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
 from ..tools.tool import ToolTable
 from .lines import with_lines
@@ -133,7 +133,7 @@ class Case(Table):
         InputError for anything wrong with the file, its keys and values, the fabric, the outline,
         or the edges the test needs: all problems at once, with their lines in the file.
         """
-        data = read_toml(path, "case file")
+        text, data = read_toml(path, "case file")
         # As paths that a resumed run, or one in another folder, still finds.
         paths = [(data.get("output"), "measured")]
         if isinstance(data.get("tool"), list):
@@ -153,7 +153,6 @@ class Case(Table):
                 FabricTable.from_data(data["fabric"], "fabric").build("")
             with problems.caught():
                 PreformTable.from_data(data["preform"], "preform").build()
-        text = read_given(path, "case file", "TOML", LARGEST_CASE).decode("utf-8-sig")
         others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
         raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
