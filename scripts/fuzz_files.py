@@ -76,7 +76,7 @@ class FileMaker(Maker):
         if self.random.random() < 0.15:
             name = {
                 "data": "data.csv",
-                "summary": self.random.choice(("summary.json", "curve.csv", "increments.csv")),
+                "summary": self.random.choice(("summary.json", "curve.csv")),
                 "manifest": ".cruciform-petsc.json",
                 "checkpoint": self.random.choice(
                     [f"{part}/{file}" for part in ("newest", "previous", "state-1")
@@ -219,7 +219,7 @@ def commands(name: str, results: Path, path: Path, own_process: bool) -> list[st
                 "--quiet",
             ]
         return ["check", str(case), "--quiet", "--set", f"output.measured={json.dumps(str(path))}"]
-    if name in ("summary.json", "curve.csv", "increments.csv"):
+    if name in ("summary.json", "curve.csv"):
         return ["compare", str(results), str(results), "--output", str(results), "--quiet"]
     if name.startswith("."):
         small = ["--set", "test.finite=false", "--set", 'test.extension="1 mm"']

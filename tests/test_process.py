@@ -19,25 +19,12 @@ import time
 from pathlib import Path
 
 import pytest
+from support.runs import CASE
 from test_cli_input import cruciform_petsc, launch, sentences
 
 from cruciform_petsc import cli, process
 from cruciform_petsc.errors import InputError
 
-CASE = """
-[fabric]
-use = "glass-pp-plain-1.93"
-[preform]
-outline = { rectangle = ["22 mm", "40 mm"] }
-bias_angle = "45 deg"
-[test]
-finite = true
-extension = ["1 mm", "2 mm"]
-increments = 40
-[output]
-pictures = false
-paraview = false
-"""
 PROGRAM = [sys.executable, "-u", "-m", "cruciform_petsc"]
 DEMOS = Path(__file__).parents[1] / "demos"
 
@@ -58,10 +45,10 @@ def is_clean(text):
 
 
 def increments(out):
-    """How many the table has, which is written after the log's line."""
-    if not (out / "increments.csv").exists():
+    """How many the curve has, which is written after the log's line."""
+    if not (out / "curve.csv").exists():
         return 0
-    with (out / "increments.csv").open() as file:
+    with (out / "curve.csv").open() as file:
         return len(list(csv.DictReader(file)))
 
 

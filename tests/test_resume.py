@@ -14,23 +14,10 @@ import sys
 import time
 
 import pytest
+from support.runs import CASE
 from test_cli_input import assert_refused, cruciform_petsc, launch, sentences
 
 EFFORT = ("newton_iterations", "residual_N", "tolerance_N", "cuts", "seconds")
-CASE = """
-[fabric]
-use = "glass-pp-plain-1.93"
-[preform]
-outline = { rectangle = ["22 mm", "40 mm"] }
-bias_angle = "45 deg"
-[test]
-finite = true
-extension = ["1 mm", "2 mm"]
-increments = 40
-[output]
-pictures = false
-paraview = false
-"""
 
 
 @pytest.fixture
