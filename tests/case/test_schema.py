@@ -9,6 +9,7 @@ import tomllib
 import pytest
 
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.solvers import options as petsc
 
@@ -358,13 +359,14 @@ def test_bad_override(write, override):
         (["test={}"], "test needs exactly one of extension and load, got neither"),
         (
             ["fabric={}"],
-            "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
+            "fabric needs use, from_datasheet, or warp, weft and shear (warp and weft and shear "
+            "missing)",
         ),
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and weave "
-            "may stand)",
+            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
+            "weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],
@@ -501,8 +503,7 @@ def test_bad_override(write, override):
         (
             ["fabric.use=e-glas-plain"],
             'fabric.use: there is no fabric "e-glas-plain" in the library '
-            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4", '
-            '"pantographic-sheet-2016", "glass-pp-plain-1.93")',
+            '(did you mean "e-glass-plain-2.4"? known: "' + '", "'.join(fabric_names()) + '")',
         ),
         (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
         (
