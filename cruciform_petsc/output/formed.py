@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from ..forming.measures import (
 )
 from ..parallel import on_root
 from ..tools.motion import Pose
+from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
+FRAMES = 4  # of stages.png
+YARNS = 40  # of each family that are drawn
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
@@ -288,7 +291,7 @@ def write_series(
     """Write series.vtkhdf, the cloth, and tools.vtkhdf over the same times. Collective.
 
     Time is the number of stages that are done, and the share of the one that runs; it begins with
-    the flat blank. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
+    the flat blank. Of a tool that has been removed all points are one. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
     data: ``contact_pressure_kPa`` and ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
     """
     comm = forming.network.comm
@@ -317,7 +320,7 @@ def draw_all(
     One in space that cannot be drawn here is left out, with a word in the log.
     """
     comm, title = forming.network.comm, pictures.plain_text(summary["title"])
-    table, state = record.table(), formed.states[-1]
+    table = record.table()
     time = np.append(0.0, [step.increment.control for step in record.steps])
 
     def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
@@ -330,8 +333,7 @@ def draw_all(
     def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
         return {label: (time, values) for label, values in over_time(columns).items()}
 
-    facets = [tool.surface.facets() for tool in forming.tools]
-    tools = tool_facets(forming, facets, state)[:2]
+    frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
     energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
@@ -340,7 +342,8 @@ def draw_all(
     energies |= over_time(spent, 1e3)
     axis = "stages done"
     drawn = {
-        "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
+        "formed.png": partial(scene.formed, frames[-1:], title),
+        **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
         ),
@@ -360,10 +363,16 @@ def draw_all(
     return written
 
 
-def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The cloth through its crossovers, or every k-th of them, on rank 0. Collective.
+def _of_the_way(states: Sequence[State]) -> list[State]:
+    """Up to FRAMES of the states, evenly, and the last."""
+    taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
+    return [states[round(k)] for k in taken]
 
-    Points (n, 3), m, triangles (m, 3), and shear angles (n,), degrees; nothing on other ranks.
+
+def _frame(forming: Forming, state: State) -> scene.Frame:
+    """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
+
+    Collective; nothing is in it on other ranks.
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
@@ -372,16 +381,30 @@ def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
     shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
     gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
-    if gathered is None:
-        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros(0)
-    rows = np.concatenate(gathered)
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools: dict[bool, list[Facets]] = {True: [], False: []}
+    for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
+        if state.factors.get(tool.name, 1.0) > 0.0:
+            tools[tool.name in forming.below].append(surface)
+    number = stage_number(state.time)
+    caption = f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
+    rows = np.concatenate(gathered or [np.zeros((0, 6))])
     i, j = (rows[:, :2] // every).astype(np.int64).T
-    i, j = i - i.min(), j - j.min()
-    number = np.full((i.max() + 2, j.max() + 2), -1)
-    number[i, j] = np.arange(len(rows))
-    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    i, j = i - i.min(initial=0), j - j.min(initial=0)
+    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
+    grid[i, j] = np.arange(len(rows))
+    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
     triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
-    return rows[:, 2:5], triangles[(triangles >= 0).all(axis=1)], rows[:, 5]
+    lines = max(1, round(max(grid.shape) / YARNS))
+    pieces = [
+        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
+    ]
+    yarns = np.concatenate(pieces)
+    whole = (triangles >= 0).all(axis=1), (yarns >= 0).all(axis=1)
+    return scene.Frame(
+        rows[:, 2:5], abs(rows[:, 5]), triangles[whole[0]], yarns[whole[1]],
+        _joined(tools[True]), _joined(tools[False]), caption,
+    )  # fmt: skip
 
 
 def _point(name: str) -> str:
@@ -411,7 +434,9 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
     mine = forming.network.comm.rank == 0
-    points, triangles, number = tool_facets(forming, facets, state)
+    every = _tool_facets(forming, state, facets)
+    points, triangles = _joined(every)
+    number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:
         points, triangles, number = points[:0], triangles[:0], number[:0]
     parts = int(mine)
@@ -427,20 +452,28 @@ def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray
     }
 
 
-def tool_facets(
-    forming: Forming, facets: list, state: State
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All tools' triangles as they stand: points (n, 3) m, corners (m, 3), whose they are (m,)."""
-    points: list[np.ndarray] = []
-    triangles: list[np.ndarray] = []
-    numbers: list[np.ndarray] = []
-    count = 0
-    for number, (tool, node, (corners, cells)) in enumerate(
-        zip(forming.tools, forming.blank.tool_node, facets, strict=True)
+def _tool_facets(forming: Forming, state: State, facets: Sequence[Facets]) -> list[Facets]:
+    """Triangles of each tool as it stands; of one that has been removed, all in one point."""
+    every = []
+    for tool, node, (corners, triangles) in zip(
+        forming.tools, forming.blank.tool_node, facets, strict=True
     ):
-        pose = Pose(state.x[node], state.hold.rotations[tool.name])
-        points.append(pose.to_lab(corners))
-        triangles.append(cells.astype(np.int64) + count)
-        numbers.append(np.full(len(cells), number))
-        count += len(corners)
-    return np.concatenate(points), np.concatenate(triangles), np.concatenate(numbers)
+        points = Pose(state.x[node], state.hold.rotations[tool.name]).to_lab(corners)
+        if state.factors.get(tool.name, 1.0) == 0.0:
+            points[:] = points.mean(axis=0)
+        every.append((points, triangles))
+    return every
+
+
+def _joined(every: Sequence[Facets]) -> Facets:
+    """Triangles of several tools as one."""
+    first = np.cumsum([0, *(len(points) for points, _ in every)])
+    return (
+        np.concatenate([np.zeros((0, 3)), *(points for points, _ in every)]),
+        np.concatenate(
+            [
+                np.zeros((0, 3), np.int64),
+                *(cells + n for (_, cells), n in zip(every, first, strict=False)),
+            ]
+        ),
+    )

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 MAPS = {  # {at}: the last value asked for
     "scene.png": "The yarns in space {at}, coloured by shear angle; "
     "yarn cross-sections are illustrative.",
-    "formed.png": "The formed blank {at}, coloured by shear angle, with the tools.",
+    "formed.png": "The formed blank {at}, coloured by the size of the shear angle, on its tools; "
+    "those from above are cut open in front.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
@@ -55,7 +56,10 @@ CAPTIONS = MAPS | {  # and Experiment.captions
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
 }
-FORMING_CAPTIONS = {"energy.png": "Energy: stored in cloth and contact; dissipated by friction."}
+FORMING_CAPTIONS = {
+    "stages.png": "On the way there, in true scale and with one colour scale.",
+    "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
+}
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
@@ -154,7 +158,7 @@ def write_forming_report(
         return {
             "key_figures": _forming_figures(summary),
             "note": _sentence(at),
-            "maps": gallery(maps, CAPTIONS, at),
+            "maps": gallery(maps, CAPTIONS | FORMING_CAPTIONS, at),
             "striped": False,
             "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
             "results": Table(list(results), [rows[i] for i in asked]),
