@@ -291,8 +291,9 @@ def write_series(
     """Write series.vtkhdf, the cloth, and tools.vtkhdf over the same times. Collective.
 
     Time is the number of stages that are done, and the share of the one that runs; it begins with
-    the flat blank. Of a tool that has been removed all points are one. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
-    data: ``contact_pressure_kPa`` and ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
+    the flat blank. All points of a tool that has been removed are one. Cells of the cloth are its
+    arms, as in `paraview.write_state`; besides, point data: ``contact_pressure_kPa`` and
+    ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
     """
     comm = forming.network.comm
     states = [forming.blank.start(), *formed.states]
