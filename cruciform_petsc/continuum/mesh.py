@@ -142,7 +142,7 @@ def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Me
 
     Raises InputError on every rank if a side of the outline does not run along yarns.
     """
-    yarns = np.stack([preform.warp_direction, preform.weft_direction])
+    yarns = preform.rotation
     outline = shapely.transform(preform.outline, lambda x: x @ yarns.T)
     near = ALONG * np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max()
     rings = [shapely.get_coordinates(r) for r in (outline.exterior, *outline.interiors)]

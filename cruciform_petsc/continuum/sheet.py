@@ -138,8 +138,7 @@ class Sheet:
         self.active, self.fixed = np.ones(count, bool), np.zeros((count, 3), bool)
         self.cells = self.mesh.topology.index_map(2).size_local
         triangles = self._number[self._space.dofmap.list[: self.cells]].astype(np.int32)
-        directions = np.stack([preform.warp_direction, preform.weft_direction])
-        self.stretching = Stretching(self.mesh, triangles, directions, network.fabric)
+        self.stretching = Stretching(self.mesh, triangles, preform.rotation, network.fabric)
         self.further: list[Item] = []
 
     @property
