@@ -15,11 +15,10 @@ from mpi4py import MPI
 
 from ..errors import InputError
 from ..parallel import on_all
+from .sizes import along_yarns
 
 # Growth of the triangles away from outline edges that are shorter than the mesh size.
 GROWTH = 0.4
-# How far a side may turn from a yarn, in parts of the outline.
-ALONG = 1e-6
 
 
 def outline_mesh(
@@ -142,14 +141,8 @@ def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Me
 
     Raises InputError on every rank if a side of the outline does not run along yarns.
     """
-    yarns = preform.rotation
-    outline = shapely.transform(preform.outline, lambda x: x @ yarns.T)
-    near = ALONG * np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max()
-    rings = [shapely.get_coordinates(r) for r in (outline.exterior, *outline.interiors)]
-    sides = abs(np.concatenate([np.diff(ring, axis=0) for ring in rings]))
-    if not (sides.min(axis=1) <= near).all():
-        raise InputError("a membrane among tools needs an outline whose sides run along the yarns")
-    s, t = (_between(np.concatenate(rings)[:, axis], size, near) for axis in (0, 1))
+    outline, corners, near = along_yarns(preform)
+    s, t = (_between(corners[:, axis], size, near) for axis in (0, 1))
 
     def strip(count: int) -> np.ndarray:
         return np.arange(count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size)
@@ -165,7 +158,7 @@ def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Me
     return dolfinx.mesh.create_mesh(
         comm,
         cells=np.concatenate([first, second]),
-        x=points @ yarns,
+        x=points @ preform.rotation,
         e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
         partitioner=_partitioner(dolfinx.mesh.GhostMode.none),
     )

@@ -16,6 +16,7 @@ import dolfinx.fem
 import dolfinx.la
 import dolfinx.mesh
 import numpy as np
+import shapely
 import ufl
 from petsc4py import PETSc
 
@@ -27,6 +28,8 @@ from ..parallel import DistributedNodes, most
 from .fibres import fibre_measures, resultants
 from .mesh import yarn_mesh
 from .points import evaluate
+
+SAME = 1e-9  # of an edge: how far off it its nodes may lie
 
 
 class Stretching(Item):
@@ -135,6 +138,7 @@ class Sheet:
         place = self._space.tabulate_dof_coordinates()[: len(self._number), :2]
         self.nodes.rest[self._number, :2] = place
         self.nodes.frame = np.tile(np.eye(3), (count, 1, 1))
+        self.nodes.frame[:, :2, :2] = preform.rotation
         self.active, self.fixed = np.ones(count, bool), np.zeros((count, 3), bool)
         self.cells = self.mesh.topology.index_map(2).size_local
         triangles = self._number[self._space.dofmap.list[: self.cells]].astype(np.int32)
@@ -147,8 +151,17 @@ class Sheet:
         return [self.stretching, *self.further]
 
     def prescribed(self, motions: list) -> tuple[np.ndarray, np.ndarray]:
-        """See PlyNodes.prescribed; no edge is held."""
+        """See PlyNodes.prescribed; no edge moves."""
         return self.nodes.rest, np.zeros((0, 3, 3))
+
+    def symmetry(self, edge: str) -> None:
+        """See Constraints.symmetry: nodes of an edge stay in the upright plane through it."""
+        segments = self.network.preform.edge(edge)
+        line = shapely.multilinestrings(segments)
+        near = SAME * np.ptp(np.reshape(line.bounds, (2, 2)), axis=0).max()
+        on = shapely.distance(line, shapely.points(self.nodes.rest[:, :2])) <= near
+        along = abs((segments[0, 1] - segments[0, 0]) @ self.network.preform.rotation.T)
+        self.fixed[on, along.argmin()] = True
 
     def areas(self, at_hinge: float = 0.0) -> np.ndarray:
         """Area at rest that each node stands for, (n_local,), m^2. Collective.
@@ -198,7 +211,10 @@ class MembraneBlank(Blank):
         super().__init__(network, tools, **options)
 
     def _lay(self, bending, edges):
-        return Sheet(self.network, self.size)
+        sheet = Sheet(self.network, self.size)
+        if edges is not None:
+            edges(sheet)
+        return sheet
 
     @property
     def pitch(self) -> float:

@@ -27,14 +27,14 @@ from cruciform_petsc.net.network import Network
 TURN = rotation(0.9, [1.0, -2.0, 0.5])
 
 
-def sheet_and_state(fabric, x=None, size=1 / 60, **options):
-    """A sheet of 50 x 35 mm, its model, and a state at positions x(rest), by default at rest."""
-    sheet = Sheet(network((50.0, 35.0), fabric, **options), size)
+def model_and_state(fabric, x):
+    """Of a sheet of 50 x 35 mm, at positions x(rest)."""
+    sheet = Sheet(network((50.0, 35.0), fabric), 1 / 60)
     nodes = sheet.nodes
     none = np.zeros((0, 3))
     hold = Hold(np.zeros(0, np.int32), np.zeros((0, 3, 3)), none.astype(bool), none, none[:, None])
-    state = State(nodes.rest if x is None else x(nodes.rest), hold)
-    return sheet, Model(nodes, sheet.items, stiffness_scale=1e4), state
+    state = State(x(nodes.rest), hold)
+    return Model(nodes, sheet.items, stiffness_scale=1e4), state
 
 
 def bent(rest):
@@ -48,7 +48,7 @@ def bent(rest):
 @EVERY_LAW
 def test_force_and_stiffness_are_derivatives(fabric):
     """Central differences of energy and force along random changes: 1e-7 of the largest."""
-    sheet, model, state = sheet_and_state(fabric, bent)
+    model, state = model_and_state(fabric, bent)
     force = model.force(state)[0]
     matrix, blocks = model.stiffness(state)
     matrix.destroy()
@@ -65,11 +65,11 @@ def test_force_and_stiffness_are_derivatives(fabric):
 
 def test_rigid_motion():
     """Costs nothing from rest; turns the forces of a bent sheet, whose energies stay."""
-    sheet, model, rest = sheet_and_state(UNEVEN, lambda x: x @ TURN.T + [0.1, 0.2, -0.3])
+    model, rest = model_and_state(UNEVEN, lambda x: x @ TURN.T + [0.1, 0.2, -0.3])
     force, _, energies = model.force(rest)
     assert sum(energies.values()) < 1e-20
     assert abs(force).max() < 1e-9
-    _, model, state = sheet_and_state(UNEVEN, bent)
+    model, state = model_and_state(UNEVEN, bent)
     force, _, energies = model.force(state)
     turned = State(state.x @ TURN.T + [0.1, 0.2, -0.3], state.hold)
     again, _, same = model.force(turned)
