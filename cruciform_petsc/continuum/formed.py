@@ -9,7 +9,7 @@ from typing import Any
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError
-from ..forming.forming import Formed, form
+from ..forming.forming import Formed, FormingStep, form
 from ..forming.kind import Forming
 from ..forming.measures import DrawIn, shear_figures
 from .compare import field_differences, ratio
@@ -73,9 +73,9 @@ class FormedReference:
         -------
         dict
             Of the network and of the membrane: "tool_force_n" (x, y, z), "draw_in_mm" by edge,
-            "shear_max_deg", "shear_p99_deg"; "force_ratio" network / membrane along z by tool,
-            and differences of fields at crossovers, see field_differences. None where the membrane
-            was not.
+            "shear_max_deg", "shear_p99_deg"; "force_ratio" network / membrane along z by tool;
+            "bending_share" of the network's strain energy; and differences of fields at crossovers,
+            see field_differences. None where the membrane was not.
         """
         there = next((s for s in self.membrane.states if abs(s.time - state.time) < 1e-9), None)
         if there is None:
@@ -84,10 +84,13 @@ class FormedReference:
         fields = blank.ply.fields(blank.of_cloth(state))
         u, gamma = self.blank.ply.at(self.blank.of_cloth(there), forming.network.crossover_position)
         c = fields["carrying"]
+        energies = _step(formed, state.time).increment.energies
+        bent = energies["bending"] + energies["out_of_plane_bending"]
         net = _figures(formed, state.time, DrawIn(blank).largest(state))
         it = _figures(self.membrane, state.time, self._draw_in.largest(there))
         return {
             "time": state.time,
+            "bending_share": ratio(bent, bent + energies["tension"] + energies["shear"]),
             "network": net | shear_figures(blank, fields),
             "membrane": it | shear_figures(blank, {"shear_angle": gamma, "carrying": c}),
             "force_ratio": {
@@ -156,10 +159,15 @@ class FormedReference:
         }
 
 
+def _step(formed: Formed, time: float) -> FormingStep:
+    """The step at whose end a time lies."""
+    return min(formed.steps, key=lambda step: abs(step.increment.control - time))
+
+
 def _figures(formed: Formed, time: float, drawn: Mapping[str, float]) -> dict[str, Any]:
-    """Forces of the step at whose end a time lies, and draw-in by edge."""
-    step = min(formed.steps, key=lambda step: abs(step.increment.control - time))
+    """Forces at a time, and draw-in by edge."""
+    forces = _step(formed, time).tool_force
     return {
-        "tool_force_n": {name: force.tolist() for name, force in step.tool_force.items()},
+        "tool_force_n": {name: force.tolist() for name, force in forces.items()},
         "draw_in_mm": {edge: MM * value for edge, value in drawn.items()},
     }

@@ -383,7 +383,8 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
         f"{continuum['cells']:,} linear triangles along the yarns, {continuum['dofs']:,} unknowns, "
         f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. In the last state that both have, "
         f"shear angles differ by {continuum['mean_abs_shear_deg']:.2f}° in the mean, displacements "
-        f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}.",
+        f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}; here "
+        f"{_percent(continuum['bending_share'])} of the network's strain energy are bending.",
         "table": Table(["", "network", "membrane"], rows),
         "ladder": Table(list(heads.values()), ladder) if ladder else None,
     }
