@@ -17,7 +17,6 @@ from pydantic import Field, PlainValidator, model_validator
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
-from ..continuum.sizes import along_yarns
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import kind_class, pick_table
@@ -249,7 +248,7 @@ class Case(Table):
             )
         if preform and forming and beside:
             with problems.caught():
-                along_yarns(preform)
+                preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)

@@ -15,10 +15,11 @@ from mpi4py import MPI
 
 from ..errors import InputError
 from ..parallel import on_all
-from .sizes import along_yarns
 
 # Growth of the triangles away from outline edges that are shorter than the mesh size.
 GROWTH = 0.4
+# In parts of the outline's size: corners nearer to each other lie on one yarn line.
+SAME = 1e-6
 
 
 def outline_mesh(
@@ -132,8 +133,8 @@ def _unstructured(
     )
 
 
-def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Mesh:
-    """Rectangles along the yarns, each cut into two triangles, to and fro. Collective.
+def yarn_mesh(network: Any, size: float) -> dolfinx.mesh.Mesh:
+    """Rectangles along a network's yarns, each cut into two triangles, to and fro. Collective.
 
     Yarn lines through all corners of the outline, and between them an even number of rectangles at
     most `size` wide: a mesh as symmetric as the outline is. Each rank makes a strip of it, and then
@@ -141,7 +142,8 @@ def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Me
 
     Raises InputError on every rank if a side of the outline does not run along yarns.
     """
-    outline, corners, near = along_yarns(preform)
+    comm, outline = network.comm, network.preform.along_yarns("a membrane among tools")
+    corners, near = shapely.get_coordinates(outline), SAME * network.preform.size.max()
     s, t = (_between(corners[:, axis], size, near) for axis in (0, 1))
 
     def strip(count: int) -> np.ndarray:
@@ -158,7 +160,7 @@ def yarn_mesh(comm: MPI.Intracomm, preform: Any, size: float) -> dolfinx.mesh.Me
     return dolfinx.mesh.create_mesh(
         comm,
         cells=np.concatenate([first, second]),
-        x=points @ preform.rotation,
+        x=network.to_lab(points),
         e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
         partitioner=_partitioner(dolfinx.mesh.GhostMode.none),
     )

@@ -124,8 +124,8 @@ class Sheet:
     dim = 3
 
     def __init__(self, network: Network, size: float):
-        self.network, self.comm, preform = network, network.comm, network.preform
-        self.mesh = yarn_mesh(self.comm, preform, size)
+        self.network, self.comm = network, network.comm
+        self.mesh = yarn_mesh(network, size)
         self._space = dolfinx.fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
         self._constant = dolfinx.fem.functionspace(self.mesh, ("DG", 0))
         owner = self._space.dofmap.index_map
@@ -138,11 +138,13 @@ class Sheet:
         place = self._space.tabulate_dof_coordinates()[: len(self._number), :2]
         self.nodes.rest[self._number, :2] = place
         self.nodes.frame = np.tile(np.eye(3), (count, 1, 1))
-        self.nodes.frame[:, :2, :2] = preform.rotation
+        self.nodes.frame[:, :2, :2] = network.to_lab(np.eye(2))
         self.active, self.fixed = np.ones(count, bool), np.zeros((count, 3), bool)
         self.cells = self.mesh.topology.index_map(2).size_local
         triangles = self._number[self._space.dofmap.list[: self.cells]].astype(np.int32)
-        self.stretching = Stretching(self.mesh, triangles, preform.rotation, network.fabric)
+        self.stretching = Stretching(
+            self.mesh, triangles, network.to_lab(np.eye(2)), network.fabric
+        )
         self.further: list[Item] = []
 
     @property
@@ -160,7 +162,7 @@ class Sheet:
         line = shapely.multilinestrings(segments)
         near = SAME * np.ptp(np.reshape(line.bounds, (2, 2)), axis=0).max()
         on = shapely.distance(line, shapely.points(self.nodes.rest[:, :2])) <= near
-        along = abs((segments[0, 1] - segments[0, 0]) @ self.network.preform.rotation.T)
+        along = abs(self.network.to_yarn(segments[0, 1] - segments[0, 0]))
         self.fixed[on, along.argmin()] = True
 
     def areas(self, at_hinge: float = 0.0) -> np.ndarray:

@@ -8,11 +8,6 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ..errors import InputError
-
-# How far a side may turn from a yarn, in parts of the outline.
-ALONG = 1e-6
-
 
 def outline_width(outline: shapely.Polygon) -> float:
     """How wide an outline is in metres: its narrower side, less if it is slender or has holes."""
@@ -51,19 +46,3 @@ def finite_size(outline: shapely.Polygon, fabric: Any, degree: int, bending: boo
 def formed_size(preform: Any, fabric: Any) -> float:
     """Mesh size in metres among tools: half the network's pitch, which has arm ends there."""
     return 0.5 * float(min(preform.pitch(fabric)))
-
-
-def along_yarns(preform: Any) -> tuple[shapely.Polygon, np.ndarray, float]:
-    """Outline along the yarns' axes, its corners (n, 2) there, and what is near, all in metres.
-
-    Raises InputError if a side of the outline does not run along yarns.
-    """
-    outline = shapely.transform(preform.outline, lambda x: x @ preform.rotation.T)
-    near = ALONG * float(np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0).max())
-    rings = [shapely.get_coordinates(r) for r in (outline.exterior, *outline.interiors)]
-    sides = abs(np.concatenate([np.diff(ring, axis=0) for ring in rings]))
-    if not (sides.min(axis=1) <= near).all():
-        raise InputError(
-            "the membrane beside a forming needs an outline whose sides run along the yarns"
-        )
-    return outline, np.concatenate(rings), near
