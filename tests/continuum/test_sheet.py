@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 from continuum.test_hyperelastic import EVERY_LAW, UNEVEN
 from mpi4py import MPI
 from support.formed import network
@@ -159,10 +160,13 @@ def test_mesh_along_yarns():
     preform = Preform.polygon((corners @ turn.T).tolist(), bias_angle=np.radians(30.0))
     sheet = Sheet(Network(MPI.COMM_SELF, preform, UNEVEN), 4e-3)
     assert sheet.stretching.area.sum() == pytest.approx(preform.outline.area, rel=1e-12)
+    corner = sheet.nodes.rest[sheet.stretching.nodes][..., :2]
+    whole = shapely.union_all(shapely.polygons(corner))  # no two lie on each other
+    assert whole.area == pytest.approx(preform.outline.area, rel=1e-9)
     areas = sheet.areas()
     assert areas.sum() == pytest.approx(preform.outline.area, rel=1e-12)
     assert areas.min() > 0.0
-    x = sheet.nodes.rest[sheet.stretching.nodes][..., :2] @ turn  # as drawn
+    x = corner @ turn  # as drawn
     sides = np.roll(x, -1, axis=1) - x
     along = (abs(sides) < 1e-12).any(axis=2)
     assert (along.sum(axis=1) == 2).all()
