@@ -83,7 +83,7 @@ def form(
     """
     formed, model = Formed(blank), blank.model
     state, posture, work = blank.start(), Posture.at_the_start(blank), 0.0
-    longest = LONGEST * float(blank.network.pitch.mean())
+    longest = LONGEST * blank.pitch
     equilibrium = Equilibrium(
         model, state, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )

@@ -204,6 +204,12 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
     texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
+    continuum = summary.get("continuum", {})
+    if "force_ratio" in continuum:
+        forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
+        log.info("membrane      forces along z, network / membrane: %s", forces)
+        text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 

@@ -163,7 +163,7 @@ def write_forming_report(
             "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
             "results": Table(list(results), [rows[i] for i in asked]),
             "measured_table": None,
-            "continuum": None,
+            "continuum": _formed_continuum(summary),
             "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
         }
 
@@ -353,6 +353,44 @@ def _continuum(
         f"{si_text(continuum['mesh_size_m'], 'm')}.",
         "table": Table([control.name, *heads], rows),
         "ladder": Table(["refine", "crossovers", *heads], ladder) if ladder else None,
+    }
+
+
+def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The membrane beside a forming, in its last state."""
+    continuum = summary.get("continuum", {})
+    if "force_ratio" not in continuum:
+        return None
+    rows: list[tuple[str, str, str]] = []
+    for name, (_, _, force) in continuum["tool_force_n"].items():
+        ours = summary["tool_force_n"][name][2]
+        rows.append((f"{name}, force along z (N)", _number(ours), _number(force)))
+    for name, key in (("largest shear angle (°)", "shear_max_deg"), ("of 99 %", "shear_p99_deg")):
+        rows.append((name, _number(summary[key]), _number(continuum[key])))
+    for edge, drawn in continuum["draw_in_mm"].items():
+        ours = summary["draw_in_mm"][edge]
+        rows.append((f"largest draw-in, {edge} (mm)", _number(ours), _number(drawn)))
+    rungs = continuum.get("ladder") or []
+    heads = {
+        "refine": "refine",
+        "crossovers": "crossovers",
+        "draw_in_ratio": "draw-in, network / membrane",
+        "relative_l2_displacement": "difference of displacement",
+        "relative_l2_shear": "difference of shear",
+        "mean_abs_shear_deg": "mean difference of shear (°)",
+    }
+    forces = {f"{n}_force_ratio": f"{n}, network / membrane" for n in continuum["force_ratio"]}
+    heads |= forces
+    ladder = [[_number(rung[key]) for key in heads] for rung in rungs]
+    return {
+        "text": f"The same cloth as a hyperelastic membrane in dolfinx among the same tools: "
+        f"{continuum['cells']:,} linear triangles along the yarns, {continuum['dofs']:,} unknowns, "
+        f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. In the last state that both have, "
+        f"shear angles differ by {continuum['mean_abs_shear_deg']:.2f}° in the mean, displacements "
+        f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}; here "
+        f"{_percent(continuum['bending_share'])} of the network's strain energy are bending.",
+        "table": Table(["", "network", "membrane"], rows),
+        "ladder": Table(list(heads.values()), ladder) if ladder else None,
     }
 
 
