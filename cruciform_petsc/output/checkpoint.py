@@ -656,7 +656,7 @@ def determines(case: Case) -> dict[str, Any]:
     get there.
     """
     fabric = asdict(case.fabric())
-    for name in ("name", "source"):
+    for name in ("name", "source", "weave"):
         fabric.pop(name)
     data = case.model_dump()
     test = {name: value for name, value in data["test"].items() if name != "increments"}
