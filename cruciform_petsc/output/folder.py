@@ -45,7 +45,8 @@ OF_CALIBRATION = (
     "calibration.json", "calibration.csv", "calibration.png", "law.toml", "hold_out.csv",
 )  # fmt: skip
 OF_COMPARISON = ("comparison.json", "comparison.png")
-KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, CHECKPOINT, PUT_ASIDE)
+OF_SWEEP = ("sweep.csv", "sweep.png")
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, CHECKPOINT, PUT_ASIDE)
 
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.
