@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 MOST_RUNS = 1000
 PATIENCE = 10.0  # s, for runs that were told to end: they write what they have reached
 POLL = 0.05  # s
+PROGRAM = [sys.executable, "-m", "cruciform_petsc"]
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"({_NUMBER})\s*([^\d\s:,.+-][^:,]*)?")
 # An MPI job must not take itself for a part of the one that this process may belong to.
@@ -82,19 +83,22 @@ class Varied:
             values = _between(key, given) or _listed(key, given)
         else:
             values = [v if isinstance(v, str) else json.dumps(v) for v in _plain(given)]
-        values = list(dict.fromkeys(values))
         if not values or not all(values):
             raise InputError(f'--vary "{key}" has a value that is empty, {FORM}')
         parts = [_QUANTITY.fullmatch(value.strip("\"'")) for value in values]
+        for n, part in enumerate(parts):
+            if part and part[2]:
+                values[n] = f"{part[1]} {part[2]}"  # "30deg" as well
         units = {part[2] or "" for part in parts if part}
         if None in parts or len(units) > 1:
-            return cls(key, tuple(values))
-        return cls(key, tuple(values), units.pop(), tuple(float(p[1]) for p in parts if p))
+            return cls(key, tuple(dict.fromkeys(values)))
+        numbers = {value: float(part[1]) for value, part in zip(values, parts, strict=True) if part}
+        return cls(key, tuple(numbers), units.pop(), tuple(numbers.values()))
 
     @property
     def label(self) -> str:
         """Name of its column and axis, with the unit."""
-        return f"{self.key} [{self.unit}]" if self.unit else self.key
+        return f"{self.key} ({self.unit})" if self.unit else self.key
 
     def column(self, which: int) -> float | str:
         """What stands in the table for one of the values."""
@@ -251,7 +255,7 @@ def _runs(
 
 def _folder_name(values: Sequence[str]) -> str:
     """Name of a run's folder, by its values whatever the others are."""
-    text = ",".join(values)
+    text = ",".join(values).replace("[", ".").replace("]", "")
     name = re.sub(r"[^\w.,=+-]+", "_", text).strip("_.")
     if len(name) > 100 or len(name.replace("_", "")) < len(re.sub(r"[\s_]", "", text)):
         name = f"{name[:90]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
@@ -326,7 +330,7 @@ def run_sweep(
         ))  # fmt: skip
         sweep.write()
         command = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-        command += [sys.executable, "-m", "cruciform_petsc"]
+        command += PROGRAM
         sweep.work_off(left, command, [str(case), *petsc_options], side_by_side)
         sweep.draw()
         log.info("table in      %s", folder / OF_SWEEP[0])
