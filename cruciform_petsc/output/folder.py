@@ -37,7 +37,8 @@ OF_RUN = (
     "outline.csv", "outline.svg", "formed.png", "tool_forces.png", "draw_in.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
-    "shear_against_load.png", "with_and_without_bending.png", "tension_against_strain.png",
+    "shear_against_load.png", "shear_force.png",
+    "with_and_without_bending.png", "tension_against_strain.png",
     "load_against_deflection.png", "load_against_extension.png", "load_against_angle.png",
     "load_against_crosshead.png",
 )  # fmt: skip
