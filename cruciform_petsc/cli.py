@@ -41,6 +41,7 @@ PROGRAM = "cruciform-petsc"
 _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
+    "--by": ("WHAT", "displacement, strain (load per width) or shear (normalised shear force)"),
     "--vary": (
         "KEY=VALUES",
         "a key of the case and its values: 30:60:5deg, or 30deg,45deg; once for each such key",
@@ -328,9 +329,9 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Two results, or a result and a measured curve: curves and differences.
+    """Results and measured curves over each other: curves and differences.
 
-    A and B are folders of results, or CSV files of a measured displacement and force. Their curves
+    A, B ... are folders of results, or CSV files of a measured displacement and force. Their curves
     are laid over each other in the folder of --output, by default "comparison".
 
     Example: cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv
@@ -338,7 +339,8 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
+    paths = [args.a, args.b, *args.more]
+    compare_command(comm, paths, folder, args.log, args.columns, args.by)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -535,9 +537,9 @@ def _parser() -> _Parser:
         sub.set_defaults(work=work)
         for name, text in arguments:
             sub.add_argument(
-                name.rpartition("|")[2].strip("[]").lower(),
-                metavar=name.strip("[]"),
-                nargs="?" if name.startswith("[") else None,  # type: ignore[arg-type]
+                name.rpartition("|")[2].strip("[.]").lower(),
+                metavar=name.strip("[.]"),
+                nargs=("*" if "..." in name else "?") if name.startswith("[") else None,  # type: ignore[arg-type]
                 help=text,
             )
         for option in options:
@@ -554,14 +556,15 @@ def _parser() -> _Parser:
     case = ("CASE", "the case file (TOML)")
     folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
     a = ("A", "a folder of results, or a measured curve (CSV)")
-    b = ("B", "another; differences are relative to this one")
+    b = ("B", "another; differences are relative to the last one")
+    more = ("[MORE...]", "further ones")
     kind = ("KIND", f"the kind of test: {', '.join(KINDS)}")
     command(_run, case, options=("--set", "--output"))
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=_OF_CALIBRATION)
     command(_sweep, case, options=("--vary", "--set", "--output", "--jobs", "--ranks"))
     command(_resume, folder, options=("--set", "--output"))
-    command(_compare, a, b, options=("--columns", "--output"))
+    command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser

@@ -456,8 +456,8 @@ def _line_style(i: int, points: int) -> dict[str, Any]:
 
 
 def _point_style(i: int) -> dict[str, Any]:
-    style = {"color": COLOURS[i], "clip_on": False, "zorder": 4, "linestyle": ""}
-    return style | {"marker": MARKERS[i], "markersize": 5.5, "fillstyle": "none"}
+    style = {"color": COLOURS[i % len(COLOURS)], "clip_on": False, "zorder": 4, "linestyle": ""}
+    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": 5.5, "fillstyle": "none"}
 
 
 def _include_zero(axes: Axes) -> None:
