@@ -116,7 +116,7 @@ def write_report(
         return {
             "key_figures": _key_figures(experiment, summary),
             "note": f"{_sentence(at)} Largest yarn tension: "
-            f"{tension_text(summary['yarn_tension_max'])}.",
+            f"{tension_text(summary['yarn_tension_max'])}.{_closed_form(summary)}",
             "maps": gallery(maps, captions, at, experiment.colour),
             "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
@@ -238,6 +238,11 @@ def _key_figures(
     energy = sum(last(value) for value in summary["energy_j"].values())
     shown = f"{energy:.4g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.4g} mJ"
     yield "strain energy", energy, shown
+
+
+def _closed_form(summary: Mapping[str, Any]) -> str:
+    """The sentence about it, behind another one."""
+    return f" {_sentence(summary['closed_form']['sentence'])}" if "closed_form" in summary else ""
 
 
 def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
