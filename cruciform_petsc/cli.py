@@ -40,6 +40,7 @@ PROGRAM = "cruciform-petsc"
 # Options of ours that take a value: what it is called, and what it does.
 _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
+    "--from-step": ("N", "go on from the N-th step instead of the last; those after it are lost"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
     "--columns": (
@@ -53,6 +54,7 @@ _WITH_VALUE = {
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
+_OF_CALIBRATION = tuple(name for name in _WITH_VALUE if name != "--from-step")
 _REPEATED = ("--set", "--columns", "--also", "--also-data")
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
@@ -222,8 +224,7 @@ def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
     """
     case, directory = _case_and_folder(comm, args)
-    if not case.stages:  # a forming keeps no checkpoints
-        args.running.append(directory)
+    args.running.append(directory)
     from .run import run_case
 
     run_case(comm, case, directory, args.log)
@@ -238,7 +239,12 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .output.folder import prepare_directory
     from .run import run_case
 
-    checkpoint = reopen(comm, args.case, args.set, args.output)
+    if args.from_step is not None and not re.fullmatch(r"[1-9]\d{0,8}", args.from_step):
+        raise InputError(
+            f'--from-step must be the number of a step, from 1, got "{args.from_step}"'
+        )
+    step = None if args.from_step is None else int(args.from_step)
+    checkpoint = reopen(comm, args.case, args.set, args.output, step)
     directory = prepare_directory(comm, checkpoint.directory)
     args.running.append(directory)
     run_case(comm, checkpoint.case, directory, args.log, checkpoint)
@@ -516,8 +522,8 @@ def _parser() -> _Parser:
     kind = ("KIND", f"the kind of test: {', '.join(KINDS)}")
     command(_run, case, options=("--set", "--output"))
     command(_check, case, options=("--set",))
-    command(_calibrate, case, options=tuple(_WITH_VALUE))
-    command(_resume, folder, options=("--set", "--output"))
+    command(_calibrate, case, options=_OF_CALIBRATION)
+    command(_resume, folder, options=("--set", "--output", "--from-step"))
     command(_compare, a, b, options=("--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
