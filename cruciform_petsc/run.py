@@ -208,21 +208,11 @@ class _Run:
 
     def _solve(self, experiment: Experiment) -> TestResult:
         """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
-        case, log = self.case, self.log
-        progress = Progress(experiment, self.directory / "curve.csv", log)
-        resumed = self.checkpoint is not None
-        if case.test.finite:
-            self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
-            for note in self.checkpoint.notes:
-                log.warning("warning       %s", note)
-        if not resumed:
-            replaced = remove_results(self.comm, self.directory)
-            if replaced:
-                log.info("%sreplaces the results of %s", INDENT, replaced)
+        case = self.case
+        progress = Progress(experiment, self.directory / "curve.csv", self.log)
+        self._open_checkpoint()
         if self.checkpoint is not None:
             progress.go_on_from(self.checkpoint.increments)
-            command = resume_command(self.directory, self.comm.size)
-            log.info("%sif interrupted, continue with: %s", INDENT, command)
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
@@ -238,6 +228,21 @@ class _Run:
             self._write_summary()
             raise self.failure
         return self.failure.result
+
+    def _open_checkpoint(self) -> None:
+        """Begin one where there is none yet; what an earlier run has left is removed then."""
+        resumed, log = self.checkpoint is not None, self.log
+        if self.case.test.finite and not resumed:
+            self.checkpoint = Checkpoint.begin(self.comm, self.directory, self.case)
+        for note in self.checkpoint.notes if self.checkpoint is not None else ():
+            log.warning("warning       %s", note)
+        if not resumed:
+            replaced = remove_results(self.comm, self.directory)
+            if replaced:
+                log.info("%sreplaces the results of %s", INDENT, replaced)
+        if self.checkpoint is not None:
+            command = resume_command(self.directory, self.comm.size)
+            log.info("%sif interrupted, continue with: %s", INDENT, command)
 
     @contextmanager
     def _telling_how_to_resume(self) -> Iterator[None]:
@@ -384,10 +389,9 @@ class _Run:
 
 
 class _FormingRun(_Run):
-    """A forming on the way to its results; all methods are collective. It has no checkpoints."""
+    """A forming on the way to its results; all methods are collective."""
 
-    def run(self) -> dict[str, Any]:
-        """All that `run_case` does."""
+    def _run(self) -> dict[str, Any]:
         case, log, comm = self.case, self.log, self.comm
         check_work(comm, case)
         log.info("%s", case.title)
@@ -400,10 +404,11 @@ class _FormingRun(_Run):
         self.summary["warnings"] = [*forming.remarks, *_remarks(case, network, None)]
         for sentence in self.summary["warnings"]:
             log.warning("warning       %s", sentence)
-        replaced = remove_results(comm, self.directory)
-        if replaced:
-            log.info("%sreplaces the results of %s", INDENT, replaced)
-        record = formed.Record(forming, self.directory / "forces.csv", log)
+        self._open_checkpoint()
+        former = self.checkpoint.steps if self.checkpoint is not None else []
+        record = formed.Record(forming, self.directory / "forces.csv", log, len(former))
+        if former:
+            self.summary["resumed_after_steps"] = len(former)
         result = self._form(forming, record)
         told = formed.summarize(case, forming, result, record, statistics)
         unused = unused_options(comm, forming.options)
@@ -433,6 +438,8 @@ class _FormingRun(_Run):
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
         return self.summary
 
     def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
@@ -466,7 +473,7 @@ class _FormingRun(_Run):
         """Form; what ends it early is kept in ``failure``, with what was reached."""
         with self.stages.stage("solve", "formed"):
             try:
-                return forming.solve(record)
+                return forming.solve(record, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)

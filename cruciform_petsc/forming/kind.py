@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
+from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
 from ..net.network import Network
 from ..parallel import least
@@ -200,8 +201,12 @@ class Forming:
             )
         return told
 
-    def solve(self, accepted: Callable[[FormingStep, State], None] | None = None) -> Formed:
-        """Form the blank; ``accepted`` is called with each step and its state. Collective.
+    def solve(
+        self,
+        accepted: Callable[[FormingStep, State], None] | None = None,
+        keeper: Keeper | None = None,
+    ) -> Formed:
+        """Form the blank; ``accepted`` and ``keeper`` are as of `form`. Collective.
 
         Raises
         ------
@@ -209,7 +214,9 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(self.blank, self.plans, options=self.options, accepted=accepted)
+            return form(
+                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+            )
         except EquilibriumError as error:
             self._explain(error)
             raise

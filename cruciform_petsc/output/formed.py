@@ -24,6 +24,7 @@ from ..forming.measures import (
     shear_figures,
     yarn_directions,
 )
+from ..forming.press import stage_number
 from ..parallel import on_root
 from ..tools.motion import Pose
 from ..tools.surface import Facets
@@ -54,10 +55,12 @@ class Record:
     path : Path
         Of forces.csv.
     log : logging.Logger
+    earlier : int
+        Steps of a former run, which come first.
     """
 
-    def __init__(self, forming: Forming, path: Path, log: logging.Logger):
-        self.forming, self.path, self.log = forming, path, log
+    def __init__(self, forming: Forming, path: Path, log: logging.Logger, earlier: int = 0):
+        self.forming, self.path, self.log, self.earlier = forming, path, log, earlier
         self.draw_in = DrawIn(forming.blank)
         self.drawn: list[dict[str, float]] = []
         self.steps: list[FormingStep] = []
@@ -66,9 +69,18 @@ class Record:
         """Take note of a step. Collective."""
         self.steps.append(step)
         self.drawn.append(self.draw_in.largest(state))
+        if len(self.steps) >= self.earlier:
+            self._tell(step)
+            write_csv(self.forming.network.comm, self.path, self.table())
+
+    def _tell(self, step: FormingStep) -> None:
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
+        if len(self.steps) == self.earlier:
+            text = '           going on from %.4g %% of stage "%s", %d steps'
+            self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+            return
         moving = [
             f"{name} {abs(step.tool_force[name][2]):.4g} N"
             for name in step.tool_force
@@ -86,7 +98,6 @@ class Record:
             last.iterations,
             mended,
         )
-        write_csv(self.forming.network.comm, self.path, self.table())
 
     def table(self) -> dict[str, list]:
         """Columns of forces.csv: a row for each accepted step."""
@@ -120,11 +131,6 @@ class Record:
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
         columns["seconds"] = [step.increment.seconds for step in steps]
         return columns
-
-
-def stage_number(time: float) -> int:
-    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
-    return max(int(np.ceil(time - 1e-9)) - 1, 0)
 
 
 def summarize(

@@ -117,7 +117,8 @@ def test_run_and_check(tmp_path, capfd):
     assert main(["run", str(path), "--output", str(folder)]) == 0
     log = capfd.readouterr()
     assert log.err == ""
-    assert "resume" not in log.out
+    assert f"if interrupted, continue with: cruciform-petsc resume {folder}" in log.out
+    assert not (folder / "checkpoint").exists()
     assert "draw  100.0 %, punch" in log.out
     summary = json.loads((folder / "summary.json").read_text())
     assert set(summary) >= KEYS
@@ -256,9 +257,3 @@ def test_weight_rests_on_the_disc(tmp_path, capfd):
 
 def test_stage_of_a_time():
     assert [stage_number(t) for t in (0.0, 0.3, 1.0, 1.2, 2.0)] == [0, 0, 0, 1, 1]
-
-
-def test_no_resume_is_offered(tmp_path, capfd):
-    """There are no checkpoints of a forming, and it is said."""
-    assert main(["resume", str(written(tmp_path))]) == 2
-    assert "a forming keeps no checkpoints, begin anew with" in capfd.readouterr().err
