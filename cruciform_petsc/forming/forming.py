@@ -35,6 +35,8 @@ class FormingStep:
         On the cloth by each tool, N.
     tool_place : dict of float (3,)
         m.
+    tool_moment : dict of float (3,)
+        On the cloth by each tool about its origin, where ``tool_place`` has it, N m.
     spent : dict
         What friction and viscosity have dissipated up to here, J.
     work : float
@@ -47,6 +49,7 @@ class FormingStep:
     tool_place: Mapping[str, np.ndarray]
     spent: Mapping[str, float]
     work: float
+    tool_moment: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass
@@ -90,6 +93,7 @@ def form(
     names = [tool.name for tool in blank.tools]
     place = state.x[blank.tool_node]  # of the tools after the last step, and what drove them
     driving = np.zeros_like(place)
+    moments: dict[str, np.ndarray] = {}
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
@@ -103,6 +107,7 @@ def form(
                 found.history,
                 place,
             )
+        moments.update(blank.tool_moments(found.state))
         shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
@@ -121,6 +126,7 @@ def form(
             dict(zip(names, place, strict=True)),
             blank.spent(state),
             work,
+            dict(moments),
         )
         if formed.steps and not formed.steps[-1].increment.asked:
             formed.states.pop()
