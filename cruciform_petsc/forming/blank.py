@@ -191,6 +191,12 @@ class Blank:
         """The state as the ply sees it."""
         return cast(State, part_of(state, self.cloth_at))
 
+    def tool_moments(self, state: State) -> dict[str, np.ndarray]:
+        """Moments on the cloth by tools about their origins, (3,), N m. Collective."""
+        ours = np.array([contact.moment(state) for contact in self.contacts]).reshape(-1, 3)
+        everywhere = self.comm.allreduce(ours)
+        return dict(zip((contact.name for contact in self.contacts), everywhere, strict=True))
+
     def spent(self, state: State) -> dict[str, float]:
         """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
