@@ -286,7 +286,9 @@ class Equilibrium:
             time.perf_counter() - begin,
         )
 
-    def tangent_step(self, state: State, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def tangent_step(
+        self, state: State, change: np.ndarray, out_of_balance: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Answer of the free unknowns to a change of prescribed ones, at a state. Collective.
 
         Parameters
@@ -294,6 +296,8 @@ class Equilibrium:
         state : State
         change : float (n_local, dim)
             Lab frame, m; its free part is not looked at.
+        out_of_balance : bool
+            Whether they also answer to what is out of balance there, as where loads have changed.
 
         Returns
         -------
@@ -309,7 +313,10 @@ class Equilibrium:
         try:
             with self._options(), calling_back(self.snes):
                 self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
-                pushed = model.to_axes(model.times(blocks, change)[:owned])
+                pushed = model.times(blocks, change)
+                if out_of_balance:
+                    pushed += model.force(state)[0]
+                pushed = model.to_axes(pushed[:owned])
                 right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
                 self.snes.ksp.setOperators(self._matrix)
                 self.snes.setUp()
