@@ -61,6 +61,7 @@ _SHAPES: dict[Any, str] = {
     list[tool.ToolTable]: "tables",
     list[forming.StageTable]: "tables",
     list[fields.Name]: "a list of texts",
+    preform.Names: "a list of texts",
     forming.Force: 'a force, `"100 N"`, or a list of 3 forces',
 }
 
@@ -84,6 +85,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.tension`", fabric.TensionTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
+    ("`preform.edges`, by name", preform.EdgeTable),
     ("`[test]`, every kind but forming", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),

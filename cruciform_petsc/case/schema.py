@@ -143,6 +143,8 @@ class Case(Table):
         text, data = read_toml(path, "case file")
         # As paths that a resumed run, or one in another folder, still finds.
         paths = [(data.get("output"), "measured")]
+        if isinstance(preform := data.get("preform"), dict):
+            paths.append((preform.get("outline"), "file"))
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
