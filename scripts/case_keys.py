@@ -59,7 +59,9 @@ _SHAPES: dict[Any, str] = {
     tool.Profiles: "a list of 2 or more pairs of lengths",
     list[fields.Point]: "a list of 2 or more pairs of lengths",
     list[tool.ToolTable]: "tables",
+    list[forming.ClampTable]: "tables",
     list[forming.StageTable]: "tables",
+    list[forming.SideName]: 'a list of `"left"`, `"right"`, `"lower"`, `"upper"`',
     list[fields.Name]: "a list of texts",
     forming.Force: 'a force, `"100 N"`, or a list of 3 forces',
 }
@@ -90,6 +92,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
+    ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
     ("`stage.turn`, by tool", tool.TurnTable),
     ("`[continuum]`", case.ContinuumTable),

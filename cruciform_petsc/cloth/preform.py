@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Self
@@ -123,17 +123,29 @@ class Preform:
         """Centre of the outline's bounding box, float (2,) [m]."""
         return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
 
-    def centred(self) -> Preform:
-        """The same with the centre of its bounding box at x = y = 0."""
-        x, y = self.middle
-        origin = None if self.origin is None else (self.origin[0] - x, self.origin[1] - y)
+    def centred(self, planes: Collection[str] = ()) -> Preform:
+        """The same with the centre of its bounding box at x = y = 0.
+
+        Of a part between planes of symmetry, ``planes`` names its sides there: "left" or "right" is
+        put at x = 0, "lower" or "upper" at y = 0, and a crossover where they meet by default. Of
+        two that face each other the centre is between them.
+        """
+        shift = self.middle
+        for axis, sides in enumerate((("left", "right"), ("lower", "upper"))):
+            there = [side for side in sides if side in planes]
+            if len(there) == 1:
+                shift[axis] = self.edge(there[0])[0, 0, axis]
+        if self.origin is None:
+            origin = (0.0, 0.0) if planes else None
+        else:
+            origin = (self.origin[0] - shift[0], self.origin[1] - shift[1])
         named = {"outline", "hole", *_SIDES}
         edges = {
-            name: segments - self.middle
+            name: segments - shift
             for name, segments in self.edges.items()
             if name.partition("-")[0] not in named
         }
-        outline = shapely.transform(self.outline, lambda xy: xy - self.middle)
+        outline = shapely.transform(self.outline, lambda xy: xy - shift)
         return replace(self, outline=outline, origin=origin, edges=edges)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
