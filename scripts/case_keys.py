@@ -47,6 +47,7 @@ _SHAPES: dict[Any, str] = {
     fields.Point: "a pair of lengths",
     fields.Sides: "a pair of lengths",
     fields.Ring: "a list of 3 or more pairs of lengths",
+    list[fields.Line]: "a list of lists of pairs of lengths",
     list[fields.Ring]: "a list of lists of pairs of lengths",
     fields.Pairs: "a list of pairs of numbers",
     list[fields.Pair]: "a list of pairs of numbers",
