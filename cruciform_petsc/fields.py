@@ -22,7 +22,7 @@ _LONGEST = 4096  # of a text: the longest path that Linux takes
 _MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
-class _Read:
+class Read:
     """Annotates a field that a function of ours reads; what is wrong is a ValueError in words."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
@@ -34,7 +34,7 @@ class _Read:
 
 
 @dataclass(frozen=True)
-class Of(_Read):
+class Of(Read):
     """Annotates quantities: kept as they are written, with their value beside it."""
 
     unit: str
@@ -87,7 +87,7 @@ class Of(_Read):
 
 
 @dataclass(frozen=True)
-class OneOf(_Read):
+class OneOf(Read):
     """Annotates a table that is one of several: `pick` tells the type, or raises a ValueError."""
 
     pick: Callable[[Any], type[Table]]
