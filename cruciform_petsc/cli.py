@@ -322,9 +322,10 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
             raise InputError(text) from None
     case, directory = _case_and_folder(comm, args)
     from .calibrate import calibrate_case
-    from .output.folder import OF_CALIBRATION, locked
+    from .output.folder import LOG, OF_CALIBRATION, locked
+    from .output.log import kept
 
-    with locked(comm, directory, OF_CALIBRATION, args.log):
+    with locked(comm, directory, (*OF_CALIBRATION, LOG), args.log), kept(comm, directory, args.log):
         calibrate_case(comm, case, args.data, directory, args.log, **more)
 
 
@@ -570,23 +571,19 @@ def _parser() -> _Parser:
     return parser
 
 
-class _Harmless(logging.Formatter):
-    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """One line."""
-        return harmless(super().format(record)).replace("\n", "\\n")
-
-
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
-    """Make the log: to stdout on rank 0, silent on the others."""
+    """Make the log: to stdout on rank 0, silent on the others.
+
+    What --quiet leaves out still goes to the files that results have (output.log.kept).
+    """
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
     handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
-    handler.setFormatter(_Harmless())
+    handler.setFormatter(process.LogLines())
     log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
-    log.setLevel(logging.CRITICAL + 1 if comm.rank else level)
+    handler.setLevel(level)
+    log.setLevel(logging.CRITICAL + 1 if comm.rank else min(level, logging.INFO))
     return log
