@@ -40,6 +40,7 @@ PROGRAM = "cruciform-petsc"
 # Options of ours that take a value: what it is called, and what it does.
 _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
+    "--from-step": ("N", "go on from the N-th step instead of the last; those after it are lost"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
     "--by": ("WHAT", "displacement, strain (load per width) or shear (normalised shear force)"),
     "--vary": (
@@ -233,8 +234,7 @@ def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .output.checkpoint import hint
 
     case, directory = _case_and_folder(comm, args)
-    if not case.stages:  # a forming keeps no checkpoints
-        args.hints.append(partial(hint, directory, comm.size))
+    args.hints.append(partial(hint, directory, comm.size))
     from .run import run_case
 
     run_case(comm, case, directory, args.log)
@@ -249,7 +249,12 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .output.folder import prepare_directory
     from .run import run_case
 
-    checkpoint = reopen(comm, args.case, args.set, args.output)
+    if args.from_step is not None and not re.fullmatch(r"[1-9]\d{0,8}", args.from_step):
+        raise InputError(
+            f'--from-step must be the number of a step, from 1, got "{args.from_step}"'
+        )
+    step = None if args.from_step is None else int(args.from_step)
+    checkpoint = reopen(comm, args.case, args.set, args.output, step)
     directory = prepare_directory(comm, checkpoint.directory)
     args.hints.append(partial(hint, directory, comm.size))
     run_case(comm, checkpoint.case, directory, args.log, checkpoint)
@@ -564,7 +569,7 @@ def _parser() -> _Parser:
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=_OF_CALIBRATION)
     command(_sweep, case, options=("--vary", "--set", "--output", "--jobs", "--ranks"))
-    command(_resume, folder, options=("--set", "--output"))
+    command(_resume, folder, options=("--set", "--output", "--from-step"))
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)

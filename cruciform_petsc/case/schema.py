@@ -50,9 +50,10 @@ class ContinuumTable(Table):
     """Whether the membrane resists the bending of yarns. The default: where the network does and
     test.finite = true. Example: `true`"""
     mesh_size: Size | None = None
-    """Of the membrane. The default is the program's choice."""
+    """Of the membrane. The default is the program's choice; of a forming half the net's pitch."""
     ladder: Counts | None = None
-    """Compare finer and finer nets: values of refine. Example: `[1, 2, 4]`"""
+    """Compare finer and finer nets: values of refine, of a forming with its yarns_per_cruciform.
+    Example: `[1, 2, 4]`"""
 
     @property
     def mesh_size_si(self) -> float | None:
@@ -225,8 +226,8 @@ class Case(Table):
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
-            ("continuum.compare", self.continuum.compare),
-            ("continuum.ladder", forming and self.continuum.ladder is not None),
+            ("continuum.compare", self.continuum.compare and not forming),
+            ("continuum.second_gradient", forming and self.continuum.second_gradient),
             ("output.exports", self.output.exports),
             ("output.scene", forming and self.output.scene),
             ("output.measured", forming and self.output.measured is not None),
@@ -235,11 +236,13 @@ class Case(Table):
                 problems.append(f"{key} is not for forming, leave it out")
             elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
-        if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
+        coarse = self.preform_table.yarns_per_cruciform > 1 and not forming
+        if self.continuum.ladder is not None and coarse:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        beside = self.continuum.compare or self.continuum.ladder
         size, fabric, preform = self.continuum.mesh_size, None, None
         with problems.caught():
             fabric = self.fabric()
@@ -249,6 +252,9 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming and beside:
+            with problems.caught():
+                preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)

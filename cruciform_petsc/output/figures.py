@@ -71,7 +71,7 @@ def scene(result: TestResult, path: str | Path, title: str = "") -> None:
     """
     network, text = result.network, pictures.plain_text(title)
     _, sample, clamps = _panel("", result)
-    pictures.save(network.comm, path, woven, sample, clamps, network.fabric.thickness, text)
+    pictures.save(network.comm, path, woven, sample, clamps, network.fabric, text)
 
 
 def figures(

@@ -49,6 +49,7 @@ DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
 MOST_LABELS = 12  # of curves in a legend
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
+SIZE_LABEL = "shear angle, absolute (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
 FLAT = 3.0  # width over height of specimens that are drawn one below the other
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
