@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import json
 import logging
 import os
 import re
@@ -18,7 +19,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
@@ -368,6 +369,74 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         print(harmless(text))
 
 
+def _schema(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print the JSON schema of case files, for editors.
+
+    An editor that knows TOML (taplo, Even Better TOML) takes it from the first line of a case file,
+    "#:schema case.schema.json", and completes keys and tells what they mean.
+
+    Example: cruciform-petsc schema > case.schema.json
+    """
+    from .case.schema import Case
+
+    if comm.rank == 0:
+        print(json.dumps(Case.json_schema(), indent=1, ensure_ascii=False))
+
+
+_COMPLETION = """\
+# Of {program} {version}; into ~/.bashrc: eval "$({program} completion)"
+# zsh wants this before: autoload -U +X bashcompinit && bashcompinit
+_cruciform_petsc() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} words=
+    if [ "$COMP_CWORD" = 1 ]; then
+        words="{commands}"
+    elif [ "$before" = --set ] || [ "$before" = --vary ]; then
+        words="{keys}"
+        compopt -o nospace 2> /dev/null
+    elif [ "$before" = --by ]; then
+        words="{ways}"
+    elif [ "$before" = new ]; then
+        words="{kinds}"
+    else
+        case ${{COMP_WORDS[1]}}:$word in
+{options}
+        esac
+    fi
+    COMPREPLY=($(compgen -W "$words" -- "$word"))
+}}
+complete -o bashdefault -o default -F _cruciform_petsc {program}"""
+
+
+def _completion(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print what makes bash complete commands, options and keys.
+
+    For zsh, too, after: autoload -U +X bashcompinit && bashcompinit
+
+    Example: eval "$(cruciform-petsc completion)"
+    """
+    from .case.schema import Case
+    from .compare import BY
+
+    if comm.rank:
+        return
+    parsers: Mapping[str, argparse.ArgumentParser] = _parser().commands.choices
+    options = []
+    for name, parser in parsers.items():
+        words = (word for action in parser._actions for word in action.option_strings)
+        options.append(f'            {name}:-*) words="{" ".join(words)}" ;;')
+    print(
+        _COMPLETION.format(
+            program=PROGRAM,
+            version=__version__,
+            commands=" ".join(parsers),
+            keys=" ".join(f"{key}=" for key in Case.paths()),
+            ways=" ".join(BY),
+            kinds=" ".join(KINDS),
+            options="\n".join(options),
+        )
+    )
+
+
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     """List the library of fabrics.
 
@@ -505,6 +574,8 @@ def _check_petsc_option(argument: str, name: str) -> None:
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaints go the way of all input errors."""
 
+    commands: Any  # the parsers of our commands
+
     def error(self, message: str) -> NoReturn:
         raise InputError(message)
 
@@ -517,6 +588,7 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    parser.commands = commands
 
     def command(
         work: Callable[[MPI.Intracomm, argparse.Namespace], None],
@@ -573,6 +645,8 @@ def _parser() -> _Parser:
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
+    command(_schema)
+    command(_completion)
     return parser
 
 
