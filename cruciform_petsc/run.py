@@ -35,7 +35,7 @@ from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
-from .output.folder import OF_RUN, locked, remove_results
+from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
@@ -80,9 +80,10 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
-    with locked(comm, directory, OF_RUN, log), catch_warnings():
+    with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        return kind(comm, case, directory, log, checkpoint).run()
+        with logs.kept(comm, directory, log, more=checkpoint is not None):
+            return kind(comm, case, directory, log, checkpoint).run()
 
 
 def _size(case: Case) -> str:

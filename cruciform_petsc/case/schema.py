@@ -11,17 +11,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
 from pydantic import Field, PlainValidator, model_validator
+from pydantic.json_schema import GenerateJsonSchema
 
 from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import kind_class, pick_table
+from ..experiments.registry import every_table, kind_class, pick_table
 from ..experiments.table import small_unless_told
-from ..fields import Counts, Name, OneOf, Size, Table, Title
+from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.kind import Forming
 from ..forming.table import (
     ClampTable,
@@ -115,7 +116,7 @@ class Case(Table):
     """The cloth."""
     preform_table: PreformTable = Field(alias="preform")
     """What was cut from it."""
-    test: Annotated[Any, OneOf(pick_table)]
+    test: Annotated[Any, OneOf(pick_table, every_table)]
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
@@ -221,6 +222,29 @@ class Case(Table):
         dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
         return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
+    @classmethod
+    def paths(cls) -> list[str]:
+        """Keys of a case file as `--set` has them, those of every kind of test."""
+        found: dict[str, None] = {}
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            below = list(every_table() if name == "test" else tables_in(field.annotation))
+            several = get_origin(field.annotation) is list
+            above = f"{key}[0]" if several else key
+            paths = [f"{above}.{each}" for table in below for each in table.keys()]  # noqa: SIM118
+            found |= dict.fromkeys(paths or [above])
+        return list(found)
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """JSON schema of a case file, for editors that know TOML: keys, texts about them, defaults.
+
+        It says less than `load` checks: that a text is a quantity, but not of which unit.
+        """
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+        schema = cls.model_json_schema(by_alias=True, schema_generator=_Schema)
+        return head | _without_null(schema) | {"title": "case file"}
+
     def check_together(self) -> None:
         """Check what no single table can know."""
         problems = Problems()
@@ -286,6 +310,24 @@ class Case(Table):
             with problems.caught():
                 self.test.check(preform, fabric)
         problems.tell()
+
+
+class _Schema(GenerateJsonSchema):
+    """Without a word about defaults that are quantities, which the texts about keys tell."""
+
+    ignored_warning_kinds: set[Any] = {"skipped-choice", "non-serializable-default"}  # noqa: RUF012
+
+
+def _without_null(schema: Any) -> Any:
+    """The same for TOML, which has no null: keys are left out."""
+    if isinstance(schema, list):
+        return [_without_null(part) for part in schema if part != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {key: _without_null(value) for key, value in schema.items() if value is not None}
+    if len(kept.get("anyOf", [])) == 1:
+        kept |= kept.pop("anyOf")[0]
+    return kept
 
 
 def _apply(data: dict[str, Any], override: str) -> None:
