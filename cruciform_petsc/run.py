@@ -20,7 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .continuum.formed import NO_BENDING, FormedReference
+from .continuum.formed import FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -457,7 +457,11 @@ class _FormingRun(_Run):
             network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
             return reference.rung(self.case.forming(network))
 
-        told = [NO_BENDING] if self.summary.get("wrinkles", {}).get("area_share") else []
+        told = []
+        if self.summary["wrinkles"]["area_share"] > 0.0:
+            told.append(
+                "the cloth has wrinkles, and the membrane beside it no bending: they need not agree"
+            )
         if reference.failed:
             told.append(f"the membrane beside the network could not be formed: {reference.failed}")
         else:
