@@ -386,8 +386,8 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and weave "
-            "may stand)",
+            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
+            "weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],
