@@ -429,7 +429,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
-            self._compare_with_membrane(forming, result)
+            self._compare_with_membrane(forming, result, record)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -442,13 +442,18 @@ class _FormingRun(_Run):
             self.checkpoint.remove()
         return self.summary
 
-    def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
+    def _compare_with_membrane(
+        self, forming: Forming, result: Formed, record: formed.Record
+    ) -> None:
         """Form a membrane beside a forming that went well, where that is asked for."""
         continuum = self.case.continuum
         if self.failure is not None or not (continuum.compare or continuum.ladder):
             return
         with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
-            reference = FormedReference(forming, result, continuum.mesh_size_si)
+            self.log.info("%sthe membrane beside it:", INDENT)
+            reference = FormedReference(
+                forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
+            )
             self.summary["continuum"] = reference.summary()
             if reference.rows:
                 self._write_csv("continuum.csv", reference.table())
