@@ -126,9 +126,7 @@ class FormedReference:
         if self.failed:
             figures["failed"] = self.failed
         if self.rows:
-            last = dict(self.rows[-1])
-            del last["network"]  # it stands beside in the summary
-            figures |= last.pop("membrane") | last
+            figures |= self.rows[-1]
         return figures
 
     def table(self) -> dict[str, list]:

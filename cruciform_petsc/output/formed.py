@@ -240,6 +240,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
         log.info("membrane      forces along z, network / membrane: %s", forces)
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
