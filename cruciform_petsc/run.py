@@ -20,7 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .continuum.formed import NO_BENDING, FormedReference
+from .continuum.formed import FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -434,7 +434,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
-            self._compare_with_membrane(forming, result)
+            self._compare_with_membrane(forming, result, record)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -447,13 +447,18 @@ class _FormingRun(_Run):
             self.checkpoint.remove()
         return self.summary
 
-    def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
+    def _compare_with_membrane(
+        self, forming: Forming, result: Formed, record: formed.Record
+    ) -> None:
         """Form a membrane beside a forming that went well, where that is asked for."""
         continuum = self.case.continuum
         if self.failure is not None or not (continuum.compare or continuum.ladder):
             return
         with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
-            reference = FormedReference(forming, result, continuum.mesh_size_si)
+            self.log.info("%sthe membrane beside it:", INDENT)
+            reference = FormedReference(
+                forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
+            )
             self.summary["continuum"] = reference.summary()
             if reference.rows:
                 self._write_csv("continuum.csv", reference.table())
@@ -462,7 +467,11 @@ class _FormingRun(_Run):
             network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
             return reference.rung(self.case.forming(network))
 
-        told = [NO_BENDING] if self.summary.get("wrinkles", {}).get("area_share") else []
+        told = []
+        if self.summary["wrinkles"]["area_share"] > 0.0:
+            told.append(
+                "the cloth has wrinkles, and the membrane beside it no bending: they need not agree"
+            )
         if reference.failed:
             told.append(f"the membrane beside the network could not be formed: {reference.failed}")
         else:

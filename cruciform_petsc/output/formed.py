@@ -79,13 +79,18 @@ class Record:
             write_csv(self.forming.network.comm, self.path, self.table())
 
     def _tell(self, step: FormingStep) -> None:
+        if len(self.steps) > self.earlier:
+            self.tell(step)
+            return
+        share = step.increment.control - stage_number(step.increment.control)
+        text = '           going on from %.4g %% of stage "%s", %d steps'
+        self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+
+    def tell(self, step: FormingStep) -> None:
+        """A line on a step, of the network or of a membrane beside it."""
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
-        if len(self.steps) == self.earlier:
-            text = '           going on from %.4g %% of stage "%s", %d steps'
-            self.log.info(text, 100.0 * share, step.stage, len(self.steps))
-            return
         moving = [
             f"{name} {abs(step.tool_force[name][2]):.4g} N, "
             for name in step.tool_force
@@ -262,6 +267,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
         log.info("membrane      forces along z, network / membrane: %s", forces)
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
