@@ -129,6 +129,8 @@ Ring = Annotated[
     list[Point], Field(min_length=3, max_length=_MOST_ROWS), AfterValidator(_three_corners)
 ]
 Rings = Annotated[list[Ring], Field(max_length=_MOST_ROWS)]
+Line = Annotated[list[Point], Field(min_length=2, max_length=_MOST_ROWS)]
+Lines = Annotated[list[Line], Field(max_length=_MOST_ROWS)]
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Counts = Annotated[list[Count], Field(min_length=1, max_length=100)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]

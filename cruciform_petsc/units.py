@@ -70,6 +70,9 @@ MEASURES = {
     "1": ("a strain", "1 %", "%"),
     "kg/m**2": ("a mass per area", "576 g/m^2", "g/m^2"),
     "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
+    "Pa": ("a pressure", "20 kPa", "kPa"),
+    "N*m/m**2": ("a stiffness", "2 N/mm", "N/mm"),
+    "N/m/m": ("a stiffness per width", "0.1 N/mm/mm", "N/mm/mm"),
     "N/m**3": ("a stiffness of contact, per area", "20 kPa/mm", "kPa/mm"),
     "N*s/m**3": ("a viscosity, per area", "20 N s/m^3", "N s/m^3"),
 }
@@ -89,6 +92,9 @@ LIMITS = {
     "1": (1e-12, 1e4),
     "kg/m**2": (1e-9, 1e6),
     "kg/m**3": (1e-6, 1e6),
+    "Pa": (1e-9, 1e12),
+    "N*m/m**2": (1e-12, 1e12),
+    "N/m/m": (1e-12, 1e12),
     "N/m**3": (1e-6, 1e18),
     "N*s/m**3": (1e-9, 1e12),
 }

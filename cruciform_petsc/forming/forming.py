@@ -39,6 +39,10 @@ class FormingStep:
         What friction and viscosity have dissipated up to here, J.
     work : float
         What has been done on tools up to here, by trapezia over the steps, J.
+    load_work : dict of float
+        What gravity, pressures, clamps have done on the cloth up to here, likewise.
+    clamp_force : dict of float (3,)
+        On the cloth by the clamp of each edge, N.
     """
 
     stage: str
@@ -47,6 +51,8 @@ class FormingStep:
     tool_place: Mapping[str, np.ndarray]
     spent: Mapping[str, float]
     work: float
+    load_work: Mapping[str, float] = field(default_factory=dict)
+    clamp_force: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass
@@ -90,6 +96,8 @@ def form(
     names = [tool.name for tool in blank.tools]
     place = state.x[blank.tool_node]  # of the tools after the last step, and what drove them
     driving = np.zeros_like(place)
+    last, pulls = state, blank.pulls(state)
+    load_work = dict.fromkeys(pulls, 0.0)
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
@@ -107,13 +115,20 @@ def form(
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:
-        nonlocal work, place, driving
+        nonlocal work, place, driving, last, pulls, load_work
         state = path.state  # with anchors where they are now
         before, force, place = place, driving, state.x[blank.tool_node]
         # What drives a tool holds it against the cloth, or is the force that pushes it.
         held = np.array([step.forces[name] for name in names]).reshape(-1, 3)
         driving = np.where(press.free, press.push(state.time), held)
         work += 0.5 * float(((force + driving) * (place - before)).sum())
+        moved, pulled, last, pulls = state.x - last.x, pulls, state, blank.pulls(state)
+        each = [0.5 * ((pulled[name] + pulls[name]) * moved).sum() for name in pulls]
+        each = blank.comm.allreduce(np.array(each))
+        load_work = {name: load_work[name] + float(e) for name, e in zip(pulls, each, strict=True)}
+        by_clamp = {
+            item.edge: blank.comm.allreduce(pulls[item.name].sum(axis=0)) for item in blank.clamps
+        }
         done = FormingStep(
             plan.name,
             step.increment,
@@ -121,6 +136,8 @@ def form(
             dict(zip(names, place, strict=True)),
             blank.spent(state),
             work,
+            load_work,
+            by_clamp,
         )
         if formed.steps and not formed.steps[-1].increment.asked:
             formed.states.pop()
