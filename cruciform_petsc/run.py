@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
+from .continuum.formed import NO_BENDING, FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -208,21 +209,11 @@ class _Run:
 
     def _solve(self, experiment: Experiment) -> TestResult:
         """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
-        case, log = self.case, self.log
-        progress = Progress(experiment, self.directory / "curve.csv", log)
-        resumed = self.checkpoint is not None
-        if case.test.finite:
-            self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
-            for note in self.checkpoint.notes:
-                log.warning("warning       %s", note)
-        if not resumed:
-            replaced = remove_results(self.comm, self.directory)
-            if replaced:
-                log.info("%sreplaces the results of %s", INDENT, replaced)
+        case = self.case
+        progress = Progress(experiment, self.directory / "curve.csv", self.log)
+        self._open_checkpoint()
         if self.checkpoint is not None:
             progress.go_on_from(self.checkpoint.increments)
-            command = resume_command(self.directory, self.comm.size)
-            log.info("%sif interrupted, continue with: %s", INDENT, command)
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
@@ -238,6 +229,21 @@ class _Run:
             self._write_summary()
             raise self.failure
         return self.failure.result
+
+    def _open_checkpoint(self) -> None:
+        """Begin one where there is none yet; what an earlier run has left is removed then."""
+        resumed, log = self.checkpoint is not None, self.log
+        if self.case.test.finite and not resumed:
+            self.checkpoint = Checkpoint.begin(self.comm, self.directory, self.case)
+        for note in self.checkpoint.notes if self.checkpoint is not None else ():
+            log.warning("warning       %s", note)
+        if not resumed:
+            replaced = remove_results(self.comm, self.directory)
+            if replaced:
+                log.info("%sreplaces the results of %s", INDENT, replaced)
+        if self.checkpoint is not None:
+            command = resume_command(self.directory, self.comm.size)
+            log.info("%sif interrupted, continue with: %s", INDENT, command)
 
     @contextmanager
     def _telling_how_to_resume(self) -> Iterator[None]:
@@ -347,12 +353,20 @@ class _Run:
         """
         case, result = self.case, reference.result
         controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
+
+        def rung(refine: int) -> dict[str, Any]:
+            network = Network(self.comm, case.preform(refine=refine), case.fabric())
+            finer = case.experiment(network, bending=case.second_gradient, controls=controls)
+            return reference.rung(finer)
+
+        self._climb(rung)
+
+    def _climb(self, rung: Callable[[int], dict[str, Any] | None]) -> None:
+        """Compare a rung for each value of refine; to summary and ladder.csv."""
         rungs = []
-        for refine in case.continuum.ladder or ():
+        for refine in self.case.continuum.ladder or ():
             with self.stages.stage("ladder", f"refine = {refine} compared with the membrane"):
-                network = Network(self.comm, case.preform(refine=refine), case.fabric())
-                finer = case.experiment(network, bending=case.second_gradient, controls=controls)
-                rungs.append({"refine": refine} | reference.rung(finer))
+                rungs.append({"refine": refine} | (rung(refine) or {}))
         if rungs:
             self.summary["continuum"]["ladder"] = rungs
             self._write_csv("ladder.csv", {key: [rung[key] for rung in rungs] for key in rungs[0]})
@@ -376,10 +390,9 @@ class _Run:
 
 
 class _FormingRun(_Run):
-    """A forming on the way to its results; all methods are collective. It has no checkpoints."""
+    """A forming on the way to its results; all methods are collective."""
 
-    def run(self) -> dict[str, Any]:
-        """All that `run_case` does."""
+    def _run(self) -> dict[str, Any]:
         case, log, comm = self.case, self.log, self.comm
         check_work(comm, case)
         log.info("%s", case.title)
@@ -392,10 +405,11 @@ class _FormingRun(_Run):
         self.summary["warnings"] = [*forming.remarks, *_remarks(case, network, None)]
         for sentence in self.summary["warnings"]:
             log.warning("warning       %s", sentence)
-        replaced = remove_results(comm, self.directory)
-        if replaced:
-            log.info("%sreplaces the results of %s", INDENT, replaced)
-        record = formed.Record(forming, self.directory / "forces.csv", log)
+        self._open_checkpoint()
+        former = self.checkpoint.steps if self.checkpoint is not None else []
+        record = formed.Record(forming, self.directory / "forces.csv", log, len(former))
+        if former:
+            self.summary["resumed_after_steps"] = len(former)
         result = self._form(forming, record)
         told = formed.summarize(case, forming, result, record, statistics)
         unused = unused_options(comm, forming.options)
@@ -420,6 +434,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
+            self._compare_with_membrane(forming, result)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -428,13 +443,42 @@ class _FormingRun(_Run):
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
         return self.summary
+
+    def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
+        """Form a membrane beside a forming that went well, where that is asked for."""
+        continuum = self.case.continuum
+        if self.failure is not None or not (continuum.compare or continuum.ladder):
+            return
+        with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
+            reference = FormedReference(forming, result, continuum.mesh_size_si)
+            self.summary["continuum"] = reference.summary()
+            if reference.rows:
+                self._write_csv("continuum.csv", reference.table())
+
+        def rung(refine: int) -> dict[str, Any] | None:
+            network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
+            return reference.rung(self.case.forming(network))
+
+        told = [NO_BENDING] if self.summary.get("wrinkles", {}).get("area_share") else []
+        if reference.failed:
+            told.append(f"the membrane beside the network could not be formed: {reference.failed}")
+        else:
+            try:
+                self._climb(rung)
+            except EquilibriumError as error:
+                told.append(f"a net of continuum.ladder could not be formed: {error}")
+        for sentence in told:
+            self.summary["warnings"].append(sentence)
+            self.log.warning("warning       %s", sentence)
 
     def _form(self, forming: Forming, record: formed.Record) -> Formed:
         """Form; what ends it early is kept in ``failure``, with what was reached."""
         with self.stages.stage("solve", "formed"):
             try:
-                return forming.solve(record)
+                return forming.solve(record, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)

@@ -114,10 +114,7 @@ class Blank:
         self.thickness = fabric.needed("thickness", "contact with a tool")
         self.settings = settings = settings or ContactSettings.of(fabric)
         self.factors = factors or {}
-        constraints = Constraints(network, bending, floats=True)
-        if edges is not None:
-            edges(constraints)
-        self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
+        self.ply = ply = self._lay(bending, edges)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
@@ -156,6 +153,18 @@ class Blank:
         items = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+
+    def _lay(self, bending: bool, edges: Callable[[Constraints], object] | None) -> Ply:
+        """The cloth."""
+        constraints = Constraints(self.network, bending, floats=True)
+        if edges is not None:
+            edges(constraints)
+        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+
+    @property
+    def pitch(self) -> float:
+        """Mean distance of nodes along a yarn, m, by which Newton's steps are limited."""
+        return float(self.network.pitch.mean())
 
     def hold(
         self,

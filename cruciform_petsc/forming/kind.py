@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
+from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
 from ..net.network import Network
 from ..parallel import least
@@ -59,7 +60,7 @@ class Forming:
 
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
-    reference: ClassVar[str] = ""  # there is no membrane beside it
+    reference: ClassVar[str] = "formed"
 
     def __init__(
         self,
@@ -106,13 +107,18 @@ class Forming:
         settings = replace(
             ContactSettings.of(fabric), **{key: q.si for key, q in told.items() if q is not None}
         )
-        self.blank = Blank(
-            network,
+        self.settings = settings
+        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
+        """A blank of a kind among the tools. Collective."""
+        return kind(
+            self.network,
             self.tools,
-            weight=test.gravity,
-            settings=settings,
-            waves=(height, wave.seed) if height else None,
-            bending=test.bending,
+            weight=self.test.gravity,
+            settings=self.settings,
+            bending=self.test.bending,
+            **further,
         )
 
     # -- tools --------------------------------------------------------------------------------
@@ -195,8 +201,12 @@ class Forming:
             )
         return told
 
-    def solve(self, accepted: Callable[[FormingStep, State], None] | None = None) -> Formed:
-        """Form the blank; ``accepted`` is called with each step and its state. Collective.
+    def solve(
+        self,
+        accepted: Callable[[FormingStep, State], None] | None = None,
+        keeper: Keeper | None = None,
+    ) -> Formed:
+        """Form the blank; ``accepted`` and ``keeper`` are as of `form`. Collective.
 
         Raises
         ------
@@ -204,7 +214,9 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(self.blank, self.plans, options=self.options, accepted=accepted)
+            return form(
+                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+            )
         except EquilibriumError as error:
             self._explain(error)
             raise

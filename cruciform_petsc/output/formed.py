@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -26,8 +26,10 @@ from ..forming.measures import (
     shear_figures,
     yarn_directions,
 )
+from ..forming.press import stage_number
 from ..forming.waves import Waves
 from ..tools.motion import Pose
+from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
+FRAMES = 4  # of stages.png
+YARNS = 40  # of each family that are drawn
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
@@ -54,10 +58,12 @@ class Record:
     path : Path
         Of forces.csv.
     log : logging.Logger
+    earlier : int
+        Steps of a former run, which come first.
     """
 
-    def __init__(self, forming: Forming, path: Path, log: logging.Logger):
-        self.forming, self.path, self.log = forming, path, log
+    def __init__(self, forming: Forming, path: Path, log: logging.Logger, earlier: int = 0):
+        self.forming, self.path, self.log, self.earlier = forming, path, log, earlier
         self.draw_in = DrawIn(forming.blank)
         self.drawn: list[dict[str, float]] = []
         self.steps: list[FormingStep] = []
@@ -66,9 +72,18 @@ class Record:
         """Take note of a step. Collective."""
         self.steps.append(step)
         self.drawn.append(self.draw_in.largest(state))
+        if len(self.steps) >= self.earlier:
+            self._tell(step)
+            write_csv(self.forming.network.comm, self.path, self.table())
+
+    def _tell(self, step: FormingStep) -> None:
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
+        if len(self.steps) == self.earlier:
+            text = '           going on from %.4g %% of stage "%s", %d steps'
+            self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+            return
         moving = [
             f"{name} {abs(step.tool_force[name][2]):.4g} N"
             for name in step.tool_force
@@ -86,7 +101,6 @@ class Record:
             last.iterations,
             mended,
         )
-        write_csv(self.forming.network.comm, self.path, self.table())
 
     def table(self) -> dict[str, list]:
         """Columns of forces.csv: a row for each accepted step."""
@@ -125,11 +139,6 @@ class Record:
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
         columns["seconds"] = [step.increment.seconds for step in steps]
         return columns
-
-
-def stage_number(time: float) -> int:
-    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
-    return max(int(np.ceil(time - 1e-9)) - 1, 0)
 
 
 def summarize(
@@ -219,6 +228,12 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
     texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
+    continuum = summary.get("continuum", {})
+    if "force_ratio" in continuum:
+        forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
+        log.info("membrane      forces along z, network / membrane: %s", forces)
+        text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 
@@ -292,10 +307,11 @@ def write_series(
     """Write series.vtkhdf, the cloth, and tools.vtkhdf over the same times. Collective.
 
     Time is the number of stages that are done, and the share of the one that runs; it begins with
-    the flat blank. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
-    data: ``contact_pressure_kPa``, ``distance_to_TOOL_mm``, ``slip_on_TOOL_mm``, and at crossovers,
-    between them means of two, ``wrinkle_height_mm`` and ``bridging_mm``; cell data:
-    ``yarn_direction`` and ``curvature_per_m``.
+    the flat blank. All points of a tool that has been removed are one. Cells of the cloth are its
+    arms, as in `paraview.write_state`; besides, point data: ``contact_pressure_kPa``,
+    ``distance_to_TOOL_mm``, ``slip_on_TOOL_mm``, and at crossovers, between them means of two,
+    ``wrinkle_height_mm`` and ``bridging_mm``; cell data: ``yarn_direction`` and
+    ``curvature_per_m``.
     """
     comm = forming.network.comm
     states = [forming.blank.start(), *formed.states]
@@ -324,7 +340,7 @@ def draw_all(
     One in space that cannot be drawn here is left out, with a word in the log.
     """
     comm, title = forming.network.comm, pictures.plain_text(summary["title"])
-    table, state = record.table(), formed.states[-1]
+    table = record.table()
     time = np.append(0.0, [step.increment.control for step in record.steps])
 
     def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
@@ -337,8 +353,7 @@ def draw_all(
     def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
         return {label: (time, values) for label, values in over_time(columns).items()}
 
-    facets = [tool.surface.facets() for tool in forming.tools]
-    tools = tool_facets(forming, facets, state)[:2]
+    frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
     energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
@@ -347,7 +362,8 @@ def draw_all(
     energies |= over_time(spent, 1e3)
     axis = "stages done"
     drawn = {
-        "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
+        "formed.png": partial(scene.formed, frames[-1:], title),
+        **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
         ),
@@ -367,10 +383,16 @@ def draw_all(
     return written
 
 
-def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The cloth through its crossovers, or every k-th of them, on rank 0. Collective.
+def _of_the_way(states: Sequence[State]) -> list[State]:
+    """Up to FRAMES of the states, evenly, and the last."""
+    taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
+    return [states[round(k)] for k in taken]
 
-    Points (n, 3), m, triangles (m, 3), and shear angles (n,), degrees; nothing on other ranks.
+
+def _frame(forming: Forming, state: State) -> scene.Frame:
+    """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
+
+    Collective; nothing is in it on other ranks.
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
@@ -379,16 +401,30 @@ def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
     shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
     gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
-    if gathered is None:
-        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros(0)
-    rows = np.concatenate(gathered)
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools: dict[bool, list[Facets]] = {True: [], False: []}
+    for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
+        if state.factors.get(tool.name, 1.0) > 0.0:
+            tools[tool.name in forming.below].append(surface)
+    number = stage_number(state.time)
+    caption = f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
+    rows = np.concatenate(gathered or [np.zeros((0, 6))])
     i, j = (rows[:, :2] // every).astype(np.int64).T
-    i, j = i - i.min(), j - j.min()
-    number = np.full((i.max() + 2, j.max() + 2), -1)
-    number[i, j] = np.arange(len(rows))
-    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    i, j = i - i.min(initial=0), j - j.min(initial=0)
+    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
+    grid[i, j] = np.arange(len(rows))
+    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
     triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
-    return rows[:, 2:5], triangles[(triangles >= 0).all(axis=1)], rows[:, 5]
+    lines = max(1, round(max(grid.shape) / YARNS))
+    pieces = [
+        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
+    ]
+    yarns = np.concatenate(pieces)
+    whole = (triangles >= 0).all(axis=1), (yarns >= 0).all(axis=1)
+    return scene.Frame(
+        rows[:, 2:5], abs(rows[:, 5]), triangles[whole[0]], yarns[whole[1]],
+        _joined(tools[True]), _joined(tools[False]), caption,
+    )  # fmt: skip
 
 
 def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
@@ -418,7 +454,9 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
     mine = forming.network.comm.rank == 0
-    points, triangles, number = tool_facets(forming, facets, state)
+    every = _tool_facets(forming, state, facets)
+    points, triangles = _joined(every)
+    number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:
         points, triangles, number = points[:0], triangles[:0], number[:0]
     parts = int(mine)
@@ -434,20 +472,28 @@ def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray
     }
 
 
-def tool_facets(
-    forming: Forming, facets: list, state: State
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All tools' triangles as they stand: points (n, 3) m, corners (m, 3), whose they are (m,)."""
-    points: list[np.ndarray] = []
-    triangles: list[np.ndarray] = []
-    numbers: list[np.ndarray] = []
-    count = 0
-    for number, (tool, node, (corners, cells)) in enumerate(
-        zip(forming.tools, forming.blank.tool_node, facets, strict=True)
+def _tool_facets(forming: Forming, state: State, facets: Sequence[Facets]) -> list[Facets]:
+    """Triangles of each tool as it stands; of one that has been removed, all in one point."""
+    every = []
+    for tool, node, (corners, triangles) in zip(
+        forming.tools, forming.blank.tool_node, facets, strict=True
     ):
-        pose = Pose(state.x[node], state.hold.rotations[tool.name])
-        points.append(pose.to_lab(corners))
-        triangles.append(cells.astype(np.int64) + count)
-        numbers.append(np.full(len(cells), number))
-        count += len(corners)
-    return np.concatenate(points), np.concatenate(triangles), np.concatenate(numbers)
+        points = Pose(state.x[node], state.hold.rotations[tool.name]).to_lab(corners)
+        if state.factors.get(tool.name, 1.0) == 0.0:
+            points[:] = points.mean(axis=0)
+        every.append((points, triangles))
+    return every
+
+
+def _joined(every: Sequence[Facets]) -> Facets:
+    """Triangles of several tools as one."""
+    first = np.cumsum([0, *(len(points) for points, _ in every)])
+    return (
+        np.concatenate([np.zeros((0, 3)), *(points for points, _ in every)]),
+        np.concatenate(
+            [
+                np.zeros((0, 3), np.int64),
+                *(cells + n for (_, cells), n in zip(every, first, strict=False)),
+            ]
+        ),
+    )

@@ -14,7 +14,7 @@ from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import DrawIn, penetration
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.formed import stage_number
+from cruciform_petsc.output.formed import _frame, stage_number
 
 COMM = MPI.COMM_SELF
 SYRUP = 'gravity = true\ncontact = { viscosity = "1e6 N s/m^3" }'
@@ -117,7 +117,8 @@ def test_run_and_check(tmp_path, capfd):
     assert main(["run", str(path), "--output", str(folder)]) == 0
     log = capfd.readouterr()
     assert log.err == ""
-    assert "resume" not in log.out
+    assert f"if interrupted, continue with: cruciform-petsc resume {folder}" in log.out
+    assert not (folder / "checkpoint").exists()
     assert "draw  100.0 %, punch" in log.out
     summary = json.loads((folder / "summary.json").read_text())
     assert set(summary) >= KEYS
@@ -202,6 +203,29 @@ def test_series_of_cloth_and_tools(tmp_path):
             np.testing.assert_allclose(moved[cells[number == tool]][..., 2], way, atol=1e-9)
 
 
+def test_removed_tools_are_not_drawn(tmp_path):
+    """Neither in tools.vtkhdf, where all of one is in a point, nor in pictures."""
+    import h5py
+
+    more = '[[stage]]\nname = "open"\nremove = ["holder"]\nstep = 1.0\n'
+    path, folder = written(tmp_path, ("step = 0.5\n", f"step = 0.5\n{more}")), tmp_path / "out"
+    path.write_text(f"{path.read_text()}[output]\npictures = false\n")
+    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
+    with h5py.File(folder / "tools.vtkhdf") as file:
+        tools = file["VTKHDF"]
+        corners = tools["Points"][:].reshape(5, -1, 3)
+        cells = tools["Connectivity"][:].reshape(-1, 3)
+        holder = cells[tools["CellData/tool"][:] == 2]
+    assert np.ptp(corners[3][holder], axis=(0, 1)).min() > 1e-3
+    np.testing.assert_allclose(np.ptp(corners[4][holder], axis=(0, 1)), 0.0, atol=1e-12)
+    assert np.ptp(corners[4][cells], axis=(0, 1)).min() > 1e-3  # the others are there
+    forming, result = formed(COMM, path)
+    before, after = (_frame(forming, state) for state in result.states[-2:])
+    assert len(before.above[1]) > len(after.above[1]) > 0
+    assert len(before.below[1]) == len(after.below[1])
+    assert [before.caption, after.caption] == ["draw, 100 %", "open, 100 %"]
+
+
 def test_what_cannot_go_on_keeps_what_it_reached(tmp_path, capfd):
     """A punch that closes on a flat plate: where, at what share, and all steps up to there."""
     plate = 'shape = { plane = {} }\nfriction = 0.2\n[[tool]]\nname = "punch"'
@@ -262,9 +286,3 @@ def test_shear_beyond_its_law_is_remarked_on(tmp_path, capfd):
 
 def test_stage_of_a_time():
     assert [stage_number(t) for t in (0.0, 0.3, 1.0, 1.2, 2.0)] == [0, 0, 0, 1, 1]
-
-
-def test_no_resume_is_offered(tmp_path, capfd):
-    """There are no checkpoints of a forming, and it is said."""
-    assert main(["resume", str(written(tmp_path))]) == 2
-    assert "a forming keeps no checkpoints, begin anew with" in capfd.readouterr().err
