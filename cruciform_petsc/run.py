@@ -37,6 +37,7 @@ from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
 from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
+from .output.pattern import write_pattern
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
@@ -426,7 +427,11 @@ class _FormingRun(_Run):
         if result.steps:
             with self.stages.stage("write", "results written"):
                 formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
-                formed.write_outline(self.directory, forming, result.states[-1])
+                for sentence in write_pattern(
+                    self.directory, forming, result.states[-1], log, case.output.part
+                ):
+                    self.summary["warnings"].append(sentence)
+                    log.warning("warning       %s", sentence)
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)

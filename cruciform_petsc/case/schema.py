@@ -13,11 +13,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
+import shapely
+import shapely.affinity
 from pydantic import Field, PlainValidator, model_validator
 from pydantic.json_schema import GenerateJsonSchema
 
 from ..cloth.fabric import Fabric, FabricTable
-from ..cloth.preform import Preform, PreformTable
+from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
 from ..experiments.registry import every_table, kind_class, pick_table
@@ -92,6 +94,10 @@ class OutputTable(Table):
     """network.vtkhdf for ParaView."""
     exports: bool = False
     """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
+    part_outline: OutlineTable | None = None
+    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
+    rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
+    Example: `{ rectangle = ["160 mm", "120 mm"] }`"""
     report: bool | None = None
     """report.html, one page with everything; by default if pictures are on. Example: `true`"""
     measured: Name | None = None
@@ -100,6 +106,17 @@ class OutputTable(Table):
     measured_columns: Name | None = None
     """Titles of its two columns, or their numbers, where units leave a choice.
     Example: `"Extension (mm),Load (N)"`"""
+
+    @property
+    def part(self) -> shapely.Polygon | None:
+        """The part's outline in plan, m."""
+        if self.part_outline is None:
+            return None
+        polygon = self.part_outline.build()
+        if self.part_outline.rectangle is None:
+            return polygon
+        low, high = polygon.bounds[1], polygon.bounds[3]
+        return shapely.affinity.translate(polygon, 0.0, -0.5 * (low + high))
 
     @property
     def wants_report(self) -> bool:
@@ -278,6 +295,12 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        part = self.output.part
+        if part is not None:
+            if not forming:
+                problems.append("output.part_outline is for a forming, leave it out")
+            elif not part.is_valid:
+                problems.append("output.part_outline crosses itself, or its holes do not fit in it")
         beside = self.continuum.compare or self.continuum.ladder
         size, fabric, preform = self.continuum.mesh_size, None, None
         with problems.caught():
