@@ -73,7 +73,10 @@ MEASURES = {
     "kg/m**2": ("a mass per area", "576 g/m^2", "g/m^2"),
     "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
     "kg/m": ("a linear density", "200 tex", "tex"),
-    "Pa": ("a modulus of elasticity", "230 GPa", "GPa"),
+    "Pa": ("a pressure", "20 kPa", "kPa"),
+    "N/m**2": ("a modulus of elasticity", "230 GPa", "GPa"),
+    "N*m/m**2": ("a stiffness", "2 N/mm", "N/mm"),
+    "N/m/m": ("a stiffness per width", "0.1 N/mm/mm", "N/mm/mm"),
     "N/m**3": ("a stiffness of contact, per area", "20 kPa/mm", "kPa/mm"),
     "N*s/m**3": ("a viscosity, per area", "20 N s/m^3", "N s/m^3"),
 }
@@ -94,7 +97,10 @@ LIMITS = {
     "kg/m**2": (1e-9, 1e6),
     "kg/m**3": (1e-6, 1e6),
     "kg/m": (1e-12, 1e3),
-    "Pa": (1.0, 1e15),
+    "Pa": (1e-9, 1e12),
+    "N/m**2": (1.0, 1e15),
+    "N*m/m**2": (1e-12, 1e12),
+    "N/m/m": (1e-12, 1e12),
     "N/m**3": (1e-6, 1e18),
     "N*s/m**3": (1e-9, 1e12),
 }

@@ -85,7 +85,7 @@ class DatasheetTable(Table):
     """Its yarns. Example: `{ linear_density = "200 tex", yarns = "4.9 /cm" }`"""
     weft: YarnSheet
     """Its yarns, alike."""
-    fibre_modulus: Annotated[Quantity, _positive("Pa")]
+    fibre_modulus: Annotated[Quantity, _positive("N/m**2")]
     """Along the fibres, by their own sheet: E glass about 72 GPa, carbon 230, aramid 70 to 130."""
     fibre_density: Annotated[Quantity, _positive("kg/m**3")]
     """Of the fibres that bear."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Self
@@ -24,7 +24,7 @@ from shapely.ops import substring
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Name, Of, Point, Ring, Rings, Sides, Size, Table, si_values
+from ..fields import Count, Lines, Name, Of, Point, Ring, Rings, Sides, Size, Table, si_values
 from ..units import Quantity, format_si
 from . import rings
 from .drawing import read_drawing
@@ -35,6 +35,7 @@ _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
 _ALONG = 1e-6  # of the outline's size: how far a side may turn from a yarn
 _NEAR = 1e-3  # of the outline's size: how far off it a point may lie that is meant to be on it
+_SLIT = 2e-5  # of the outline's size: width of a slit, less than a yarn's, more than lattice.SNAP
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -128,17 +129,29 @@ class Preform:
         """Centre of the outline's bounding box, float (2,) [m]."""
         return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
 
-    def centred(self) -> Preform:
-        """The same with the centre of its bounding box at x = y = 0."""
-        x, y = self.middle
-        origin = None if self.origin is None else (self.origin[0] - x, self.origin[1] - y)
+    def centred(self, planes: Collection[str] = ()) -> Preform:
+        """The same with the centre of its bounding box at x = y = 0.
+
+        Of a part between planes of symmetry, ``planes`` names its sides there: "left" or "right" is
+        put at x = 0, "lower" or "upper" at y = 0, and a crossover where they meet by default. Of
+        two that face each other the centre is between them.
+        """
+        shift = self.middle
+        for axis, sides in enumerate((("left", "right"), ("lower", "upper"))):
+            there = [side for side in sides if side in planes]
+            if len(there) == 1:
+                shift[axis] = self.edge(there[0])[0, 0, axis]
+        if self.origin is None:
+            origin = (0.0, 0.0) if planes else None
+        else:
+            origin = (self.origin[0] - shift[0], self.origin[1] - shift[1])
         automatic = _named_edges(self.outline)
         edges = {
-            name: segments - self.middle
+            name: segments - shift
             for name, segments in self.edges.items()
             if not np.array_equal(segments, automatic.get(name, ()))
         }
-        outline = shapely.transform(self.outline, lambda xy: xy - self.middle)
+        outline = shapely.transform(self.outline, lambda xy: xy - shift)
         return replace(self, outline=outline, origin=origin, edges=edges)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
@@ -160,7 +173,8 @@ class Preform:
         """Cut a rectangle: x in [-width/2, width/2], y in [0, length].
 
         Lengths and the angle have a unit ("75 mm", "45 deg") or are in SI. ``holes`` are lists of
-        corners; options are ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
+        corners; options are ``slits`` and ``darts``, lists of points (see OutlineTable),
+        ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
         """
         outline = {"rectangle": [width, length], "holes": holes}
         return cls._cut(outline, bias_angle, options)
@@ -195,6 +209,7 @@ class Preform:
 
     @classmethod
     def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
+        outline |= {key: options.pop(key) for key in ("slits", "darts") if key in options}
         table = OutlineTable.from_data(outline, "preform.outline", bare=True)
         shape, edges = table.build()
         given = next(outline[name] for name in SHAPES if name in outline)
@@ -423,6 +438,12 @@ class OutlineTable(Table):
     holes: Rings = Field(default=[])
     """Corners of each hole. Example:
     `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
+    slits: Lines = Field(default=[])
+    """Points of each cut, straight from one to the next; it may begin and end at the outline or
+    beyond. Yarns that cross it are cut. Example: `[[["0 mm", "20 mm"], ["0 mm", "50 mm"]]]`"""
+    darts: Rings = Field(default=[])
+    """Corners of pieces that are cut out, at the outline mostly: triangles, notches. Example:
+    `[[["-10 mm", "0 mm"], ["10 mm", "0 mm"], ["0 mm", "40 mm"]]]`"""
     _drawn: tuple[shapely.Polygon, dict[str, Any]] | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -456,15 +477,14 @@ class OutlineTable(Table):
 
     def build(self) -> tuple[shapely.Polygon, dict[str, np.ndarray]]:
         """The outline, in metres, and edges that it names; `Preform` checks both."""
-        holes = [[si_values(point) for point in hole] for hole in self.holes]
-        edges: dict[str, np.ndarray] = {}
+        holes, edges = _places(self.holes), {}
         if self._drawn is not None:
             outline, pieces = self._drawn
             edges = {name: np.array(piece) for name, piece in pieces.items()}
             holes += [shapely.get_coordinates(ring).tolist() for ring in outline.interiors]
             ring = shapely.get_coordinates(outline.exterior)
         elif self.polygon is not None:
-            ring = np.array([si_values(point) for point in self.polygon])
+            ring = np.array(_places([self.polygon])[0])
         elif self.slot is not None:
             ring, edges = _slot(*si_values(self.slot))
         elif self.rectangle is not None:
@@ -479,7 +499,11 @@ class OutlineTable(Table):
             round_ = [self.circle, self.circle] if self.ellipse is None else self.ellipse
             ring = rings.ellipse(*(size.si for size in round_ if size is not None))
             edges = {"rim": np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)}
-        return shapely.Polygon(ring, holes), edges
+        whole, cuts = shapely.Polygon(ring, holes), (_places(self.slits), _places(self.darts))
+        if not any(cuts):
+            return whole, edges
+        cut = _cut_out(whole, *cuts)
+        return cut, _left_of(edges, cut)
 
 
 SHAPES = ("rectangle", "circle", "ellipse", "slot", "polygon", "file")
@@ -543,6 +567,49 @@ class EdgeTable(Table):
                 xy = shapely.get_coordinates(substring(line, one, other))
                 segments.append(np.stack([xy[:-1], xy[1:]], axis=1))
         return np.concatenate(segments)
+
+
+def _left_of(edges: dict[str, np.ndarray], cut: shapely.Polygon) -> dict[str, np.ndarray]:
+    """Segments that still bound the cloth where something was cut out of it."""
+    boundary = cut.boundary.buffer(_ROUNDING * np.ptp(cut.bounds[::2]))
+    there = {n: e[shapely.covers(boundary, shapely.linestrings(e))] for n, e in edges.items()}
+    return {name: segments for name, segments in there.items() if len(segments)}
+
+
+def _places(paths: Sequence[Sequence[Sequence[Quantity]]]) -> list[list[list[float]]]:
+    return [[si_values(list(point)) for point in path] for path in paths]
+
+
+def _cut_out(whole: shapely.Polygon, slits: list, darts: list) -> shapely.Polygon:
+    """A polygon without darts, and slit along lines: with gaps much narrower than a yarn."""
+    _check_ring("preform.outline", whole)
+    gap = _SLIT * np.ptp(np.reshape(whole.bounds, (2, 2)), axis=0).max()
+    cuts = {}
+    for i, path in enumerate(slits):
+        line = shapely.LineString(path)
+        if line.length <= gap or not line.is_simple:
+            raise InputError(
+                f"preform.outline.slits[{i}] "
+                + ("crosses itself" if line.length > gap else "has no length")
+            )
+        cuts[f"slits[{i}]"] = line.buffer(0.5 * gap, cap_style="flat", join_style="mitre")
+    for i, corners in enumerate(darts):
+        cuts[f"darts[{i}]"] = shapely.Polygon(corners)
+        _check_ring(f"preform.outline.darts[{i}]", cuts[f"darts[{i}]"])
+    for name, cut in cuts.items():
+        if not shapely.intersection(whole, cut).area > 0.0:
+            raise InputError(f"preform.outline.{name} lies beside the cloth, it cuts nothing")
+    left = whole.difference(shapely.union_all(list(cuts.values())))
+    if not isinstance(left, shapely.Polygon) or left.is_empty:
+        pieces = len(getattr(left, "geoms", [])) or "no"
+        raise InputError(
+            f"preform.outline.slits and darts leave {pieces} pieces of cloth, there must be one"
+        )
+    before = [shapely.Polygon(hole) for hole in whole.interiors]
+    kept = [[k for k, b in enumerate(before) if b.equals(shapely.Polygon(hole))]
+            for hole in left.interiors]  # fmt: skip
+    order = sorted(range(len(kept)), key=lambda i: (not kept[i], kept[i], i))
+    return shapely.Polygon(left.exterior, [left.interiors[i] for i in order])
 
 
 class LatticeTable(Table):

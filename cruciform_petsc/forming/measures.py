@@ -29,7 +29,8 @@ class DrawIn:
     Attributes
     ----------
     edges : list of str
-        Straight sides and a user's edges by their names, other pieces of the outline by number.
+        Straight sides and a user's edges by their names, other pieces of the outline by number;
+        none in planes of symmetry.
     """
 
     def __init__(self, blank: Blank):
@@ -42,6 +43,8 @@ class DrawIn:
             if name not in SIDES and not re.fullmatch(r"(outline|hole)-\d+", name)
         }
         known = {segment.tobytes() for segments in named.values() for segment in segments}
+        sides = {name: sides[name] for name in sides if name not in blank.symmetry}
+        named = {name: named[name] for name in named if name not in blank.symmetry}
         pieces = {
             name: segments
             for name, segments in edges.items()
