@@ -11,8 +11,8 @@ import pytest
 from support.jsonschema import problems
 
 from cruciform_petsc.case.schema import Case
-from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.case.template import new_case
+from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.registry import KINDS
 from cruciform_petsc.solvers import options as petsc
