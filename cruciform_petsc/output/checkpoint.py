@@ -762,7 +762,9 @@ def determines(case: Case) -> dict[str, Any]:
     fabric = asdict(case.fabric())
     for name in ("name", "source"):
         fabric.pop(name)
-    data = case.model_dump()
+    data = case.model_dump() | {"fabric": fabric}
+    for name in ("title", "continuum", "solver", "output"):
+        data.pop(name)
     data["test"].pop("increments", None)
     for stage in data.get("stage", []):
         stage.pop("step")
@@ -772,8 +774,7 @@ def determines(case: Case) -> dict[str, Any]:
             told = explaining(f'tool "{tool["name"]}": "{path}" cannot be read')
             with told, open_regular(Path(path), follow=True) as file:
                 tool["shape"]["file"] = hashlib.file_digest(file, "sha256").hexdigest()
-    parts = {key: data[key] for key in ("preform", "test", "tool", "stage") if key in data}
-    return json.loads(json.dumps({"fabric": fabric, **parts}))
+    return json.loads(json.dumps(data))
 
 
 def _differences(one: Any, other: Any, name: str = "") -> list[str]:
