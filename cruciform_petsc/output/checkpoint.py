@@ -441,7 +441,7 @@ class Checkpoint:
         self.folder = self.directory / CHECKPOINT
         self.steps: Sequence[Increment | FormingStep] = []
         self.notes: list[str] = []
-        self._determines = on_root(comm, lambda: determines(case))
+        self._data, self._determines = case.model_dump(), on_root(comm, lambda: determines(case))
         self._source: _Part | None = None  # what to go on from
         self._run: _Run | None = None  # what it says
         self._steps_back = False  # from an earlier increment than the last
@@ -607,7 +607,7 @@ class Checkpoint:
         if count > len(self._states):
             self._states.append(self._put(model, f"state-{count}", [state], None))
         run = {
-            "case": self.case.model_dump(),
+            "case": self._data,
             "determines": self._determines,
             "increments": [asdict(step) for step in steps],
             "controls": [state.time for state in path.states],
