@@ -95,8 +95,8 @@ class OutputTable(Table):
     exports: bool = False
     """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
     part_outline: OutlineTable | None = None
-    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
-    rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
+    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; all
+    but polygons and drawings lie around it. Mapped back onto the flat blank it is the net pattern.
     Example: `{ rectangle = ["160 mm", "120 mm"] }`"""
     report: bool | None = None
     """report.html, one page with everything; by default if pictures are on. Example: `true`"""

@@ -13,6 +13,7 @@ import pytest
 import shapely
 
 from cruciform_petsc import Case, InputError, Preform
+from cruciform_petsc.case.schema import OutputTable
 from cruciform_petsc.cloth.drawing import outline_of, read_drawing
 from cruciform_petsc.cloth.preform import OutlineTable, PreformTable
 
@@ -79,6 +80,22 @@ def test_edges_keep_their_names_where_a_blank_is_centred():
         moved = preform.edge(name) - (0.0, 0.03)
         np.testing.assert_allclose(centred.edge(name), moved, atol=1e-15)
     assert length(table({"circle": "1 cm"}).build().centred().edge("rim")) > 0.031
+
+
+def test_what_is_left_of_a_curve_that_is_cut():
+    """A dart takes a piece out of a rim, a slit next to nothing; a dart over an arc, it all."""
+    dart = [["90 mm", "80 mm"], ["160 mm", "100 mm"], ["160 mm", "200 mm"]]
+    slit = [["0 mm", "-10 mm"], ["0 mm", "100 mm"]]
+    whole = PI * 0.3
+    rim = table({"circle": "300 mm", "darts": [dart]}).build().edge("rim")
+    assert 0.7 * whole < length(rim) < 0.97 * whole
+    rim = table({"circle": "300 mm", "slits": [slit]}).build().edge("rim")
+    assert 0.98 * whole < length(rim) < whole
+    corner = [["60 mm", "50 mm"], ["60 mm", "70 mm"], ["20 mm", "70 mm"], ["20 mm", "20 mm"]]
+    outline = {"rectangle": ["100 mm", "60 mm"], "corner_radius": "10 mm", "darts": [corner]}
+    edges = table(outline).build().edges
+    assert "corner-1" not in edges
+    assert "corner-3" in edges
 
 
 def test_edges_between_points():
@@ -347,6 +364,16 @@ def test_the_examples_of_the_docs():
     edges = tomllib.loads(blocks[1])["preform"]["edges"]
     preform = table({"polygon": polygon}, edges=edges).build()
     assert length(preform.edge("grip")) == pytest.approx(0.17)
+
+
+@pytest.mark.parametrize("outline", [{"circle": "40 mm"}, {"slot": ["40 mm", "40 mm"]}])
+def test_parts_lie_around_the_centre(outline):
+    """Of a forming: what the cloth is trimmed to, like a rectangle; polygons lie as they are."""
+    part = OutputTable.from_data({"part_outline": outline}, "output").part
+    assert part.bounds == pytest.approx((-0.02, -0.02, 0.02, 0.02))
+    polygon = [["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]
+    part = OutputTable.from_data({"part_outline": {"polygon": polygon}}, "output").part
+    assert part.bounds == pytest.approx((0.0, 0.0, 0.08, 0.09))
 
 
 def test_shapes_are_simple():
