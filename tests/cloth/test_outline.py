@@ -73,10 +73,11 @@ def test_corners_are_where_they_are_said_to_be():
 def test_edges_keep_their_names_where_a_blank_is_centred():
     """Also such as begin like those that are given automatically."""
     edges = {"left-grip": {"start": ["-50 mm", "60 mm"], "end": ["-50 mm", "0 mm"]},
-             "outline": {"of": ["outline-1", "outline-2"]}}  # fmt: skip
+             "outline": {"of": ["outline-1", "outline-2"]}, "right": {"of": ["upper"]}}  # fmt: skip
     preform = table({"rectangle": ["100 mm", "60 mm"]}, edges=edges).build()
     centred = preform.centred()
-    for name in ("left-grip", "outline", "left", "upper"):
+    assert preform.edge("right").tolist() == preform.edge("upper").tolist()
+    for name in ("left-grip", "outline", "left", "upper", "right"):
         moved = preform.edge(name) - (0.0, 0.03)
         np.testing.assert_allclose(centred.edge(name), moved, atol=1e-15)
     assert length(table({"circle": "1 cm"}).build().centred().edge("rim")) > 0.031
