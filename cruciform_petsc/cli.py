@@ -368,27 +368,34 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """List the library of fabrics.
+    """List the library of fabrics, or tell all of one.
 
-    Example: cruciform-petsc fabrics
+    With NAME: what was published of this fabric, what is estimated or assumed, and its source.
+
+    Example: cruciform-petsc fabrics carbon-twill-3k-284
     """
-    from .cloth.fabric import Fabric, fabric_names
+    from .cloth.fabric import Fabric, FabricTable, fabric_names, library
     from .units import format_si
 
+    def short(value: float, unit: str) -> str:
+        return format_si(float(f"{value:.4g}"), unit)
+
+    names = fabric_names() if args.name is None else [args.name]
+    fabrics = [Fabric.from_library(name) for name in names]
     if comm.rank:
         return
     rows = [
-        ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear", "source"]
-    ]
-    for name in fabric_names():
-        fabric = Fabric.from_library(name)
+        ["fabric", "weave", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear",
+         "mass", "thickness", "source"]
+    ]  # fmt: skip
+    for fabric in fabrics:
         columns = [
             [
-                format_si(yarns.modulus, "N/m"),
+                short(yarns.modulus, "N/m"),
                 f"{yarns.poisson:g}",
-                format_si(yarns.yarns, "1/m"),
-                format_si(yarns.yarn_bending, "N*m**2"),
-                format_si(law.stiffness0, "N*m"),
+                short(yarns.yarns, "1/m"),
+                short(yarns.yarn_bending, "N*m**2"),
+                short(law.stiffness0, "N*m"),
             ]
             for yarns, law in zip(
                 (fabric.warp, fabric.weft), fabric.out_of_plane("this list"), strict=True
@@ -396,10 +403,19 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         ]
         # Warp and weft apart where they differ.
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        shear = format_si(fabric.shear_modulus, "N/m")
+        shear = short(fabric.shear_modulus, "N/m")
         if fabric.shear.name != "linear":
             shear += f" at rest, {fabric.shear.name}"
-        rows.append([name, *both, shear, fabric.source])
+        mass = short(fabric.areal_density, "kg/m**2") if fabric.areal_density else ""
+        thickness = short(fabric.thickness, "m") if fabric.thickness else ""
+        rows.append([fabric.name, fabric.weave, *both, shear, mass, thickness, fabric.source])
+    if args.name is not None:
+        told = [*zip(*rows, strict=True), ("notes", " ".join(library()[args.name].notes.split()))]
+        for what, text in told:
+            print(f"{what:<14}{text}")
+        for sentence in FabricTable(use=args.name).filled_in():
+            print(f"              {sentence}")
+        return
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         print("  ".join(map(str.ljust, row, widths)).rstrip())
@@ -571,7 +587,7 @@ def _parser() -> _Parser:
     command(_resume, folder, options=("--set", "--output", "--from-step"))
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
-    command(_fabrics)
+    command(_fabrics, ("[NAME]", "one of them"))
     return parser
 
 

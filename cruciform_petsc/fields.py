@@ -22,7 +22,7 @@ _LONGEST = 4096  # of a text: the longest path that Linux takes
 _MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
-class _Read:
+class Read:
     """Annotates a field that a function of ours reads; what is wrong is a ValueError in words."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
@@ -34,7 +34,7 @@ class _Read:
 
 
 @dataclass(frozen=True)
-class Of(_Read):
+class Of(Read):
     """Annotates quantities: kept as they are written, with their value beside it."""
 
     unit: str
@@ -87,7 +87,7 @@ class Of(_Read):
 
 
 @dataclass(frozen=True)
-class OneOf(_Read):
+class OneOf(Read):
     """Annotates a table that is one of several: `pick` tells the type, or raises a ValueError."""
 
     pick: Callable[[Any], type[Table]]
@@ -129,6 +129,8 @@ Ring = Annotated[
     list[Point], Field(min_length=3, max_length=_MOST_ROWS), AfterValidator(_three_corners)
 ]
 Rings = Annotated[list[Ring], Field(max_length=_MOST_ROWS)]
+Line = Annotated[list[Point], Field(min_length=2, max_length=_MOST_ROWS)]
+Lines = Annotated[list[Line], Field(max_length=_MOST_ROWS)]
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Counts = Annotated[list[Count], Field(min_length=1, max_length=100)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]

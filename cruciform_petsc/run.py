@@ -116,8 +116,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
 
 def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
     """What may be meant otherwise in a case, and what was left out of its measured data."""
-    shear = case.fabric_table.shear
-    questions = [None if shear is None else shear.question()]
+    questions: list[str | None] = [*case.fabric_table.questions()]
     if measured is not None:
         questions += [f"measured data: {note}" for note in measured.notes]
         if case.test.kind in SPECIMENS:
@@ -158,6 +157,11 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.stages = Stages(self.log)
+        self.summary["fabric"] = {
+            "name": self.case.fabric().name,
+            "source": self.case.fabric().source,
+            "assumed": self.case.fabric_table.filled_in(),
+        }
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""

@@ -23,7 +23,13 @@ from ..experiments.registry import kind_class, pick_table
 from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title
 from ..forming.kind import Forming
-from ..forming.table import FormingTable, StageTable, check_stages
+from ..forming.table import (
+    ClampTable,
+    FormingTable,
+    StageTable,
+    check_pressure,
+    check_stages,
+)
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
@@ -113,6 +119,8 @@ class Case(Table):
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
+    clamps: list[ClampTable] = Field(alias="clamp", default=[])
+    """Edges of its blank that are held, `[[clamp]]`."""
     stages: list[StageTable] = Field(alias="stage", default=[])
     """What they do, one after the other, `[[stage]]`."""
     continuum: ContinuumTable = ContinuumTable()
@@ -177,7 +185,7 @@ class Case(Table):
     def preform(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the case's (for a ladder)."""
         preform = self.preform_table.build(refine)
-        return preform.centred() if self.test.centred else preform
+        return self.test.placed(preform)
 
     def experiment(
         self, network: Network, *, bending: bool | None = None, controls: Any = None
@@ -198,7 +206,9 @@ class Case(Table):
     def forming(self, network: Network) -> Forming:
         """Make the forming of the case's network, with its tools and stages. Collective."""
         given = {key: value for key, value in self.test if key != "kind"}
-        return Forming(network, self.tools, self.stages, **given, options=self.solver.options)
+        return Forming(
+            network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
+        )
 
     @property
     def second_gradient(self) -> bool:
@@ -217,9 +227,11 @@ class Case(Table):
         forming = isinstance(self.test, FormingTable)
         if forming:
             with problems.caught():
-                check_stages(self.tools, self.stages, self.test.gravity)
+                check_stages(self.test, self.tools, self.stages, self.clamps)
         else:
-            for key, told in (("tool", self.tools), ("stage", self.stages)):
+            for key, told in (
+                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
+            ):  # fmt: skip
                 if told:
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
@@ -252,7 +264,15 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming:
+            with problems.caught():
+                check_pressure(self.test, preform, self.stages, self.clamps)
         if preform and forming and beside:
+            if self.clamps or any(stage.pressure or stage.suction for stage in self.stages):
+                problems.append(
+                    "a membrane beside a forming knows no [[clamp]], pressure and suction, leave "
+                    "these out, or continuum.compare and ladder"
+                )
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float

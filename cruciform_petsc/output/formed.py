@@ -92,18 +92,18 @@ class Record:
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
         moving = [
-            f"{name} {abs(step.tool_force[name][2]):.4g} N"
+            f"{name} {abs(step.tool_force[name][2]):.4g} N, "
             for name in step.tool_force
             if name not in self.forming.below or len(step.tool_force) == 1
         ]
         mended = f", {last.shifted} of them mended" if last.shifted else ""
         self.log.info(
-            "%8.2f s    %-*s %5.1f %%, %s, shear %4.1f deg, %2d Newton iterations%s",
+            "%8.2f s    %-*s %5.1f %%, %sshear %4.1f deg, %2d Newton iterations%s",
             last.seconds,
             max(map(len, stages)),
             step.stage,
             100.0 * share,
-            ", ".join(moving),
+            "".join(moving),
             np.rad2deg(last.shear_max),
             last.iterations,
             mended,
@@ -137,10 +137,18 @@ class Record:
                 ]
         columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
         for mode in ENERGIES:
-            columns[f"energy_{mode}_J"] = [step.increment.energies[mode] for step in steps]
+            columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
         for mode in ("friction", "viscous"):
             columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
         columns["work_of_tools_J"] = [step.work for step in steps]
+        for name in steps[-1].load_work if steps else ():
+            key = f"work_of_{name.replace(' ', '_')}_J"
+            columns[key] = [step.load_work[name] for step in steps]
+        for clamp in self.forming.clamps:
+            for axis, letter in enumerate("xyz"):
+                columns[f"clamp_{clamp.edge}_force_{letter}_N"] = [
+                    step.clamp_force[clamp.edge][axis] for step in steps
+                ]
         for edge in self.draw_in.edges:
             columns[f"draw_in_{edge}_mm"] = [MM * drawn[edge] for drawn in self.drawn]
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
@@ -193,7 +201,7 @@ def summarize(
             f"which is {format_si(forming.thickness, 'm')} thick: a larger "
             "test.contact.stiffness, or a finer net, brings it nearer to them"
         )
-    energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
+    energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
     if share > VISCOUS:
         warnings.append(
@@ -211,15 +219,34 @@ def summarize(
         **_waves(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
+        "work_of_loads_j": dict(last.load_work),
     }
+    if forming.test.symmetry:
+        summary["symmetry"] = {
+            "planes": list(forming.test.symmetry),
+            "forces_and_energies_are_of": "the part that is modelled",
+        }
+    if forming.clamps:
+        slipped, rubbed = blank.slipped(state)
+        summary["clamps"] = {
+            edge: {
+                "force_n": last.clamp_force[edge].tolist(),
+                "slipped_max_mm": MM * slipped[edge],
+                "dissipated_j": rubbed[edge],
+            }
+            for edge in slipped
+        }
     return summary
 
 
 def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Path) -> None:
     """The result in a few lines."""
     log.info("")
-    for name, (x, y, z) in summary["tool_force_n"].items():
+    of_clamps = {f"clamp {e}": c["force_n"] for e, c in summary.get("clamps", {}).items()}
+    for name, (x, y, z) in (summary["tool_force_n"] | of_clamps).items():
         log.info("%-13s force on the cloth %.4g, %.4g, %.4g N", name, x + 0.0, y + 0.0, z + 0.0)
+    if "symmetry" in summary:
+        log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
@@ -364,6 +391,8 @@ def write_series(
     paraview.write_by_rank(
         comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
     )
+    if not forming.tools:
+        return
     facets = [tool.surface.facets() for tool in forming.tools]
     tools = (_tools(forming, facets, state) for state in states)
     paraview.write_by_rank(comm, directory / "tools.vtkhdf", tools, notes, times, {"Points"})
@@ -412,6 +441,10 @@ def draw_all(
         ),
         "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
     }
+    if not forming.tools:
+        del drawn["tool_forces.png"]
+    if not record.draw_in.edges:
+        del drawn["draw_in.png"]
     written = []
     for name, draw in drawn.items():
         try:

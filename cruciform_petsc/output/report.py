@@ -434,6 +434,7 @@ def fabric(case: Case) -> dict[str, Any]:
         words.append(fabric.source)
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
+    words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
     table = Table([fabric.name, "warp", "weft"], rows)
     return {"table": table, "text": " ".join(word for word in words if word)}
 

@@ -9,6 +9,7 @@ import tomllib
 import pytest
 
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.solvers import options as petsc
 
@@ -381,7 +382,8 @@ def test_bad_override(write, override):
         (["test={}"], "test needs exactly one of extension and load, got neither"),
         (
             ["fabric={}"],
-            "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
+            "fabric needs use, from_datasheet, or warp, weft and shear (warp and weft and shear "
+            "missing)",
         ),
         (
             ["fabric.warp=" + FAMILY],
@@ -524,8 +526,7 @@ def test_bad_override(write, override):
         (
             ["fabric.use=e-glas-plain"],
             'fabric.use: there is no fabric "e-glas-plain" in the library '
-            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4", '
-            '"pantographic-sheet-2016", "glass-pp-plain-1.93")',
+            '(did you mean "e-glass-plain-2.4"? known: "' + '", "'.join(fabric_names()) + '")',
         ),
         (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
         (
@@ -589,7 +590,8 @@ def test_bad_override(write, override):
             ["a=1", "b=1", "c=1", "d=1"],
             "; ".join(
                 f'the case file has the unknown key "{key}" '
-                "(known: title, fabric, preform, test, tool, stage, continuum, solver, output)"
+                "(known: title, fabric, preform, test, tool, clamp, stage, continuum, solver, "
+                "output)"
                 for key in "abcd"
             ),
         ),

@@ -31,7 +31,9 @@ def test_new_case_checks(kind, tmp_path, capfd):
 @pytest.mark.parametrize("kind", KINDS)
 def test_suggestions_are_right(kind, tmp_path):
     """Each key that stands in a comment can be taken in, where no other one excludes it."""
-    excluded = {"load": "extension", "warp": "use", "weft": "use", "imperfection": "space = false"}
+    excluded = {"load": "extension", "imperfection": "space = false"}
+    excluded |= dict.fromkeys(("warp", "weft", "from_datasheet"), "use")
+    excluded |= {"release": "no [[clamp]]", "pressure": "free edges"}
     lines = new_case(kind).splitlines()
     tried = 0
     for i, line in enumerate(lines):

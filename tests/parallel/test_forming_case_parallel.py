@@ -85,3 +85,33 @@ def test_a_tool_in_the_cloth_is_refused_on_all(tmp_path):
     with pytest.raises(InputError, match='tool "punch" starts .* deep in the cloth') as caught:
         case.forming(network)
     assert len(set(COMM.allgather(str(caught.value)))) == 1
+
+
+def test_a_quarter_with_clamps_under_suction(tmp_path):
+    """Planes of symmetry, springs that slip, a held edge and suction: as on one rank."""
+    first = '[[stage]]\nname = "close"'
+    clamps = (
+        '[[clamp]]\nedge = "right"\nstiffness = "0.1 N/mm/mm"\npreload = "0.5 N"\n'
+        'friction_limit = "0.9 N"\n[[clamp]]\nedge = "upper"\n'
+    )
+    path = shared(
+        tmp_path,
+        ('["56 mm", "56 mm"]', '["28 mm", "28 mm"]'),
+        ('kind = "forming"', 'kind = "forming"\nsymmetry = ["left", "lower"]'),
+        ('"5 N"', '"1.25 N"'),
+        (first, f'{clamps}[[stage]]\nname = "suck"\nsuction = "2 kPa"\n{first}'),
+    )
+    (forming, result), (alone, expected) = formed(COMM, path), formed(MPI.COMM_SELF, path)
+    for step, one in zip(result.steps, expected.steps, strict=True):
+        for edge, force in one.clamp_force.items():
+            np.testing.assert_allclose(step.clamp_force[edge], force, rtol=0, atol=1e-5)
+        assert dict(step.load_work) == pytest.approx(dict(one.load_work), rel=1e-5, abs=1e-9)
+    far = forming.blank.slipped(result.states[-1])[0]
+    assert far["right"] > 1e-4
+    assert far == pytest.approx(alone.blank.slipped(expected.states[-1])[0], abs=1e-8)
+    state, one = result.states[-1], expected.states[-1]
+    moved = forming.blank.ply.fields(forming.blank.of_cloth(state))["displacement"]
+    known = alone.blank.ply.fields(alone.blank.of_cloth(one))["displacement"]
+    order = np.argsort(alone.network.crossover_number_global)
+    number = forming.network.crossover_number_global
+    np.testing.assert_allclose(moved, known[order][number], rtol=0, atol=1e-6 * STROKE)
