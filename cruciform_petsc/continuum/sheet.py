@@ -146,6 +146,7 @@ class Sheet:
             self.mesh, triangles, network.to_lab(np.eye(2)), network.fabric
         )
         self.further: list[Item] = []
+        self.loads = None  # of edges
 
     @property
     def items(self) -> list[Item]:
@@ -214,7 +215,7 @@ class MembraneBlank(Blank):
 
     def _lay(self, bending):
         sheet = Sheet(self.network, self.size)
-        for edge in sorted(self.symmetry):
+        for edge in self.symmetry:
             sheet.symmetry(edge)
         return sheet
 
