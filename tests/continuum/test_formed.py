@@ -42,9 +42,7 @@ def test_networks_come_nearer_to_the_membrane():
         steps, states = formed(blank, *plans)
         if yarns == 2:
             size = 0.25 * blank.pitch
-            membrane = MembraneBlank(
-                blank.network, blank.tools, size, settings=STIFF, symmetry=PLANES
-            )
+            membrane = MembraneBlank(blank.network, blank.tools, size, **QUARTER)
             its, last = formed(membrane, *plans)
             it = membrane.of_cloth(last[-1])
             its_force = its[-1].tool_force["punch"][2]
@@ -76,9 +74,7 @@ def test_planes_of_symmetry():
     whole, plans = hemisphere(settings=STIFF)
     whole = MembraneBlank(whole.network, whole.tools, 1 / 120, settings=STIFF)
     quarter, its_plans = hemisphere(quarter=True, settings=STIFF)
-    quarter = MembraneBlank(
-        quarter.network, quarter.tools, 1 / 120, settings=STIFF, symmetry=PLANES
-    )
+    quarter = MembraneBlank(quarter.network, quarter.tools, 1 / 120, **QUARTER)
     (steps, states), (its, last) = formed(whole, *plans), formed(quarter, *its_plans)
     force, quarter_force = (s[-1].tool_force["punch"][2] for s in (steps, its))
     assert 4 * quarter_force == pytest.approx(force, rel=1e-3)
