@@ -79,8 +79,12 @@ def test_planes_of_symmetry():
     force, quarter_force = (s[-1].tool_force["punch"][2] for s in (steps, its))
     assert 4 * quarter_force == pytest.approx(force, rel=1e-3)
     points = quarter.ply.nodes.rest[:, :2]
-    u, v = (b.ply.at(b.of_cloth(s[-1]), points)[0] for b, s in ((whole, states), (quarter, last)))
+    (u, gamma), (v, sheared) = (
+        b.ply.at(b.of_cloth(s[-1]), points) for b, s in ((whole, states), (quarter, last))
+    )
     np.testing.assert_allclose(v, u, atol=2e-5)
+    np.testing.assert_allclose(sheared, gamma, atol=5e-3)
+    assert abs(gamma).max() > 0.3
 
 
 def test_from_a_case_file(tmp_path, capfd):
