@@ -35,8 +35,9 @@ from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
-from .output.folder import OF_RUN, locked, remove_results
+from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
+from .output.pattern import write_pattern
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
@@ -80,9 +81,10 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
-    with locked(comm, directory, OF_RUN, log), catch_warnings():
+    with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        return kind(comm, case, directory, log, checkpoint).run()
+        with logs.kept(comm, directory, log, more=checkpoint is not None):
+            return kind(comm, case, directory, log, checkpoint).run()
 
 
 def _size(case: Case) -> str:
@@ -425,7 +427,11 @@ class _FormingRun(_Run):
         if result.steps:
             with self.stages.stage("write", "results written"):
                 formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
-                formed.write_outline(self.directory, forming, result.states[-1])
+                for sentence in write_pattern(
+                    self.directory, forming, result.states[-1], log, case.output.part
+                ):
+                    self.summary["warnings"].append(sentence)
+                    log.warning("warning       %s", sentence)
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)

@@ -273,7 +273,7 @@ class Equilibrium:
         reason = self.snes.getConvergedReason()
         if reason <= 0:
             name = reason_name(reason, PETSc.SNES)
-            raise EquilibriumError("no equilibrium found", name, self._history, self._worst())
+            raise EquilibriumError("no equilibrium found", name, self._history, *self._worst())
         end = self._evaluate(self._vector)
         broken = self.model.broken(end.state)
         if broken is not None:
@@ -341,15 +341,8 @@ class Equilibrium:
         if isinstance(error, LibraryError):
             return error
         what = f"the linear solver failed: {error}"
-        return EquilibriumError(what, "SETUP", self._history, self._worst())
+        return EquilibriumError(what, "SETUP", self._history, *self._worst())
 
-    def _worst(self) -> np.ndarray | None:
-        """Place at rest of the largest force out of balance. Collective."""
-        if self._last is None:
-            return None
-        nodes = self.model.nodes
-        size = np.linalg.norm(self._last.gradient.reshape(-1, self.model.dim), axis=1)
-        size = np.nan_to_num(size, nan=np.inf)
-        at = int(size.argmax()) if len(size) else -1
-        here = (float(size[at]), nodes.rest[at].tolist()) if len(size) else (-1.0, [])
-        return np.array(max(self.model.comm.allgather(here))[1])
+    def _worst(self) -> tuple[np.ndarray | None, int]:
+        """See Model.worst. Collective."""
+        return self.model.worst(self._last.gradient) if self._last else (None, 0)

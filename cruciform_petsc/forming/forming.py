@@ -16,9 +16,8 @@ from ..equilibrium.stages import Increment, Measured, Step
 from ..equilibrium.state import Found, State
 from ..errors import CruciformError, EquilibriumError
 from ..experiments.finite import Keeper
-from ..units import format_si
 from .blank import Blank
-from .measures import pierced
+from .measures import squeezed
 from .press import Posture, Press, StagePlan, stage_number
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
@@ -142,16 +141,10 @@ def form(
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
-        through = pierced(blank, found.state)
-        if through is not None:
-            name, depth, place = through
-            raise EquilibriumError(
-                f'tool "{name}" lies {format_si(float(f"{depth:.3g}"), "m")} deep in the cloth, '
-                f"which is {format_si(blank.thickness, 'm')} thick",
-                "PIERCED",
-                found.history,
-                place,
-            )
+        unbearable = squeezed(blank, found.state)
+        if unbearable is not None:
+            what, reason, there, count = unbearable
+            raise EquilibriumError(what, reason, found.history, there, count)
         shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 

@@ -25,6 +25,7 @@ from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from ..units import format_si
 from .blank import Blank, ContactSettings
+from .failures import explain
 from .forming import Formed, FormingStep, form
 from .table import (
     PRESSURES,
@@ -272,38 +273,5 @@ class Forming:
                 self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
             )
         except EquilibriumError as error:
-            self._explain(error)
+            explain(self.blank, self.stages, error, keeper is not None)
             raise
-
-    def _explain(self, error: EquilibriumError) -> None:
-        """Say in the error how far it came, where it stopped and which tool touches there."""
-        formed: Formed = error.result
-        done = formed.steps[-1].increment.control if formed.steps else 0.0
-        number = min(int(done), len(self.stages) - 1)
-        where = tool = ""
-        if error.place is not None:
-            x, y = (format_si(float(f"{v:.4g}"), "m") for v in error.place[:2])
-            where = f" at x = {x}, y = {y} of the flat blank"
-            if error.reason != "PIERCED":
-                where = f"; forces are farthest from balance{where}"
-                tool = self._nearest_tool(formed, error.place)
-        error.args = (
-            f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
-            f'"{self.stages[number].name}" ({error}, {error.reason}){where}{tool}. Smaller steps '
-            "(step), a softer contact or more viscosity (test.contact) may help; so does more room "
-            "between tools that close on the cloth",
-        )
-
-    def _nearest_tool(self, formed: Formed, place: np.ndarray) -> str:
-        """Which tool presses hardest on the cloth near a place, in words. Collective."""
-        if not formed.states:
-            return ""
-        blank, state, comm = self.blank, formed.states[-1], self.network.comm
-        rest = blank.ply.nodes.rest[blank.touching]
-        near = np.linalg.norm(rest - place, axis=1) < 2.0 * self.network.pitch.max()
-        most = {
-            contact.name: -least(comm, -contact.fields(state)["pressure"][near], 0.0)
-            for contact in blank.contacts
-        }
-        name = max(most, key=lambda key: most[key])
-        return f', where tool "{name}" presses most' if most[name] > 0.0 else ""

@@ -442,7 +442,7 @@ class Checkpoint:
         self.folder = self.directory / CHECKPOINT
         self.steps: Sequence[Increment | FormingStep] = []
         self.notes: list[str] = []
-        self._determines = on_root(comm, lambda: determines(case))
+        self._data, self._determines = case.model_dump(), on_root(comm, lambda: determines(case))
         self._source: _Part | None = None  # what to go on from
         self._run: _Run | None = None  # what it says
         self._steps_back = False  # from an earlier increment than the last
@@ -608,7 +608,7 @@ class Checkpoint:
         if count > len(self._states):
             self._states.append(self._put(model, f"state-{count}", [state], None))
         run = {
-            "case": self.case.model_dump(),
+            "case": self._data,
             "determines": self._determines,
             "increments": [asdict(step) for step in steps],
             "controls": [state.time for state in path.states],
@@ -763,7 +763,9 @@ def determines(case: Case) -> dict[str, Any]:
     fabric = asdict(case.fabric())
     for name in ("name", "source", "weave"):
         fabric.pop(name)
-    data = case.model_dump()
+    data = case.model_dump() | {"fabric": fabric}
+    for name in ("title", "continuum", "solver", "output"):
+        data.pop(name)
     data["test"].pop("increments", None)
     for stage in data.get("stage", []):
         stage.pop("step")
@@ -773,8 +775,7 @@ def determines(case: Case) -> dict[str, Any]:
             told = explaining(f'tool "{tool["name"]}": "{path}" cannot be read')
             with told, open_regular(Path(path), follow=True) as file:
                 tool["shape"]["file"] = hashlib.file_digest(file, "sha256").hexdigest()
-    parts = {key: data[key] for key in ("preform", "test", "tool", "stage") if key in data}
-    return json.loads(json.dumps({"fabric": fabric, **parts}))
+    return json.loads(json.dumps(data))
 
 
 def _differences(one: Any, other: Any, name: str = "") -> list[str]:

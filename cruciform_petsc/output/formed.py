@@ -22,21 +22,19 @@ from ..forming.kind import Forming
 from ..forming.measures import (
     DrawIn,
     contact_fields,
-    outline,
     penetration,
     shear_figures,
     yarn_directions,
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
-from ..parallel import on_root
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
 from .sample import MAP_LIMIT, node_means
-from .tables import in_order, lines, write_csv, write_pieces, written_whole
+from .tables import in_order, lines, write_csv, write_pieces
 
 if TYPE_CHECKING:
     from ..case.schema import Case
@@ -334,38 +332,6 @@ def _waves(blank: Blank, state: State) -> Waves:
     """Wrinkles and bridges of a state. Collective."""
     pressure = contact_fields(blank, state)["pressure"]
     return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
-
-
-def write_outline(directory: Path, forming: Forming, state: State) -> None:
-    """Write outline.csv and outline.svg: the flat blank's yarn ends, and where they are now.
-
-    Collective. The drawing is in mm, to be cut: the flat blank's outline, and dashed what has
-    become of it in plan.
-    """
-    comm, table = forming.network.comm, outline(forming.blank, state)
-    names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
-    columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
-    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
-    polygon = forming.network.preform.outline
-    rings = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
-
-    def write() -> None:
-        low, size = rings[0].min(axis=0) - 5.0, np.ptp(rings[0], axis=0) + 10.0
-        now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(rings))]
-        lines = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.6g}mm" '
-            f'height="{size[1]:.6g}mm" viewBox="{low[0]:.6g} {-low[1] - size[1]:.6g} '
-            f'{size[0]:.6g} {size[1]:.6g}" fill="none" stroke="black" stroke-width="0.3">'
-        ]
-        for points, style in [(p, "") for p in rings] + [
-            (p, ' stroke-dasharray="2 1"') for p in now
-        ]:
-            text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in points)
-            lines.append(f'<polygon points="{text}"{style}/>')
-        with written_whole(directory / "outline.svg") as temporary:
-            temporary.write_text("\n".join([*lines, "</svg>", ""]))
-
-    on_root(comm, write)
 
 
 def write_series(

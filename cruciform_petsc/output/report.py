@@ -140,7 +140,7 @@ def write_forming_report(
     """Write report.html of a forming; ``steps`` are the columns of forces.csv. Collective."""
     maps = [directory / name for name in pictures if name in MAPS]
     curves = [directory / name for name in pictures if name not in MAPS]
-    asked = np.flatnonzero(steps["asked"])
+    asked = np.flatnonzero([*steps["asked"][:-1], True])  # the last one in any case
     at = f'at {steps["share_percent"][-1]:.4g} % of stage "{steps["stage"][-1]}"'
 
     def sections() -> dict[str, Any]:

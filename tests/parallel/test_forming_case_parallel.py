@@ -5,6 +5,7 @@ import csv
 
 import numpy as np
 import pytest
+import shapely
 from mpi4py import MPI
 from support.forming import CASE, formed, written
 
@@ -14,6 +15,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import contact_fields, shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.pattern import mapped_back
 
 COMM = MPI.COMM_WORLD
 STROKE = 6e-3
@@ -59,6 +61,12 @@ def test_fields_are_those_of_one_rank(tmp_path):
     wanted = expected.figures(alone.blank, known)["wrinkles"]
     assert told["largest_height_mm"] == pytest.approx(wanted["largest_height_mm"], abs=1e-3)
     assert told["area_share"] == pytest.approx(wanted["area_share"], abs=0.02)
+    part = shapely.Point(0.0, 0.0).buffer(18e-3)
+    (ours, _), (theirs, _) = (mapped_back(f, s, part) for f, s in ((forming, state), (alone, one)))
+    if COMM.rank == 0:
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * STROKE)
+    else:
+        assert len(ours) == 0
     moments = (s.steps[-1].tool_moment["holder"] for s in (result, formed_alone))
     np.testing.assert_allclose(*moments, rtol=0, atol=1e-5)
 
