@@ -23,6 +23,7 @@ from petsc4py import PETSc
 from ..elements.level import FORCE, STIFFNESS, room
 from ..forming.blank import Blank
 from ..items.item import Item, Placed, Work
+from ..items.loads import facets
 from ..net.network import Network
 from ..parallel import DistributedNodes, most
 from .fibres import fibre_measures, resultants
@@ -212,6 +213,16 @@ class Sheet:
         points = np.concatenate([network.crossover_position, network.node_position])
         moved = self.at(state, points)[0]
         return moved[: network.num_crossovers_owned], moved[network.num_crossovers_owned :]
+
+
+@facets.register
+def _(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+    """See facets: the membrane's own triangles."""
+    triangles = sheet.stretching.nodes
+    side = np.diff(sheet.nodes.rest[triangles][..., :2], axis=1)
+    clockwise = np.linalg.det(side) < 0.0
+    turned = np.where(clockwise[:, None], triangles[:, ::-1], triangles)
+    return turned, np.ones(len(turned))
 
 
 class MembraneBlank(Blank):

@@ -164,11 +164,7 @@ def test_outlines_and_keys_that_it_is_not_for(tmp_path):
         ),
         (
             [(here, clamped)],
-            "a membrane beside a forming knows no [[clamp]], pressure and suction, leave these out",
-        ),
-        (
-            [(here, continuum + '\nsuction = "1 kPa"')],
-            "a membrane beside a forming knows no [[clamp]], pressure and suction, leave these out",
+            "[[clamp]] is not for a forming with a membrane beside it",
         ),
         (
             [(here, continuum.replace("compare = true", "second_gradient = true"))],
