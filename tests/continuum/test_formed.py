@@ -156,11 +156,19 @@ def test_a_membrane_that_cannot_be_formed(tmp_path, capfd, monkeypatch):
 def test_outlines_and_keys_that_it_is_not_for(tmp_path):
     continuum = '[continuum]\ncompare = true\n[[stage]]\nname = "draw"'
     here = '[[stage]]\nname = "draw"'
+    slit = '[[["12 mm", "28 mm"], ["40 mm", "28 mm"]]]'
     clamped = '[[clamp]]\nedge = "left"\n' + continuum
     for changes, sentence in (
         (
             [('bias_angle = "0 deg"', 'bias_angle = "30 deg"'), (here, continuum)],
             "the membrane beside a forming needs an outline whose sides run along the yarns",
+        ),
+        (
+            [
+                ("outline = { rectangle", f"outline = {{ slits = {slit}, rectangle"),
+                (here, continuum),
+            ],
+            "the membrane beside a forming needs an outline without slits",
         ),
         (
             [(here, clamped)],
