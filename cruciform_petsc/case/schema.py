@@ -319,11 +319,8 @@ class Case(Table):
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
         if preform and forming and beside:
-            if self.clamps or any(stage.pressure or stage.suction for stage in self.stages):
-                problems.append(
-                    "a membrane beside a forming knows no [[clamp]], pressure and suction, leave "
-                    "these out, or continuum.compare and ladder"
-                )
+            if self.clamps:
+                problems.append("[[clamp]] is not for a forming with a membrane beside it")
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
