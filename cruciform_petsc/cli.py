@@ -42,6 +42,13 @@ _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
     "--from-step": ("N", "go on from the N-th step instead of the last; those after it are lost"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
+    "--by": ("WHAT", "displacement, strain (load per width) or shear (normalised shear force)"),
+    "--vary": (
+        "KEY=VALUES",
+        "a key of the case and its values: 30:60:5deg, or 30deg,45deg; once for each such key",
+    ),
+    "--jobs": ("N", "runs side by side; by default as many as there are cores for"),
+    "--ranks": ("N", "processes of each run, by default 1"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
     "--columns": (
         "TITLE,TITLE",
@@ -54,8 +61,11 @@ _WITH_VALUE = {
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
-_OF_CALIBRATION = tuple(name for name in _WITH_VALUE if name != "--from-step")
-_REPEATED = ("--set", "--columns", "--also", "--also-data")
+_REPEATED = ("--set", "--vary", "--columns", "--also", "--also-data")
+_OF_CALIBRATION = (
+    *("--data", "--set", "--output", "--columns", "--also", "--also-data", "--weights"),
+    *("--hold-out", "--hold-out-data"),
+)
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -72,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     with process.standard_streams(), process.obeying_signals(to_the_end=argv is None):
         arguments = sys.argv[1:] if argv is None else list(argv)
-        running: list[Path] = []
+        hints: list[Callable[[], str]] = []  # how to go on after an interrupt
         try:
             process.prepare_surroundings()
             from mpi4py import MPI
@@ -81,11 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             comm = MPI.COMM_WORLD
 
             def hint() -> str:
-                from .output.checkpoint import hint
+                return hints[-1]() if hints else ""
 
-                return hint(running[-1], comm.size) if running else ""
-
-            return guarded(comm, lambda: _do(comm, arguments, running), hint)
+            return guarded(comm, lambda: _do(comm, arguments, hints), hint)
         except KeyboardInterrupt:
             return _interrupted(None, str)
         except CruciformError as error:
@@ -198,8 +206,8 @@ def _abort(control: MPI.Intracomm | None, code: int) -> int:
     return code
 
 
-def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
-    """Do what was typed; puts the folder of a run into ``running``, once there is one."""
+def _do(comm: MPI.Intracomm, arguments: Sequence[str], hints: list[Callable[[], str]]) -> None:
+    """Do what was typed; puts how to go on after an interrupt into ``hints``, once one can."""
     from .parallel import on_root
 
     own, petsc_options = split_arguments(arguments)
@@ -210,7 +218,7 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
         return
     args.log = _logger(comm, args)
     warnings.simplefilter("ignore", InputWarning)  # the log tells
-    args.running = running
+    args.hints, args.petsc_options = hints, petsc_options
     cache = on_root(comm, process.spare_cache)
     if cache:
         os.environ["XDG_CACHE_HOME"] = os.environ["MPLCONFIGDIR"] = cache
@@ -223,8 +231,10 @@ def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
     """
+    from .output.checkpoint import hint
+
     case, directory = _case_and_folder(comm, args)
-    args.running.append(directory)
+    args.hints.append(partial(hint, directory, comm.size))
     from .run import run_case
 
     run_case(comm, case, directory, args.log)
@@ -235,7 +245,7 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     Example: cruciform-petsc resume results/picture_frame
     """
-    from .output.checkpoint import reopen
+    from .output.checkpoint import hint, reopen
     from .output.folder import prepare_directory
     from .run import run_case
 
@@ -246,7 +256,7 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     step = None if args.from_step is None else int(args.from_step)
     checkpoint = reopen(comm, args.case, args.set, args.output, step)
     directory = prepare_directory(comm, checkpoint.directory)
-    args.running.append(directory)
+    args.hints.append(partial(hint, directory, comm.size))
     run_case(comm, checkpoint.case, directory, args.log, checkpoint)
 
 
@@ -259,6 +269,38 @@ def _check(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .run import check_case
 
     check_case(comm, case, args.log)
+
+
+def _sweep(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Run a case for several values of its keys, side by side.
+
+    A range is start:stop:step, a list has commas; of several keys all combinations are run. Results
+    are in sweep.csv and sweep.png, and in a folder for each run. The same command goes on where it
+    was stopped.
+
+    Example: cruciform-petsc sweep demos/bias_extension.toml --vary preform.bias_angle=30:60:5deg
+    """
+    from .sweep import read_vary, run_sweep
+
+    if comm.size > 1:
+        raise InputError("sweep starts its runs itself: leave mpirun out, and give --ranks N")
+    more: dict[str, Any] = {"overrides": args.set, "petsc_options": args.petsc_options}
+    for name in ("jobs", "ranks"):
+        text = getattr(args, name)
+        if text is not None:
+            if not re.fullmatch(r"0*[1-9]\d{0,4}", text):
+                raise InputError(f'--{name} must be a whole number from 1 up, got "{text}"')
+            more[name] = int(text)
+    vary = {one.key: one.values for one in read_vary(args.vary)}
+    args.hints.append(lambda: "finished runs are kept, the same command goes on")
+    table = run_sweep(args.case, vary, args.output, log=args.log, **more)
+    bad = [i for i, status in enumerate(table["status"]) if status != "done"]
+    if bad:
+        first = f'{table["status"][bad[0]]} in "{table["folder"][bad[0]]}"'
+        raise InputError(
+            f"{len(bad)} of {len(table['status'])} runs did not come to their end, sweep.csv tells "
+            f"why of each; the first of them {first}: {table['message'][bad[0]]}"
+        )
 
 
 def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -292,9 +334,9 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Two results, or a result and a measured curve: curves and differences.
+    """Results and measured curves over each other: curves and differences.
 
-    A and B are folders of results, or CSV files of a measured displacement and force. Their curves
+    A, B ... are folders of results, or CSV files of a measured displacement and force. Their curves
     are laid over each other in the folder of --output, by default "comparison".
 
     Example: cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv
@@ -302,7 +344,8 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
+    paths = [args.a, args.b, *args.more]
+    compare_command(comm, paths, folder, args.log, args.columns, args.by)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -499,9 +542,9 @@ def _parser() -> _Parser:
         sub.set_defaults(work=work)
         for name, text in arguments:
             sub.add_argument(
-                name.rpartition("|")[2].strip("[]").lower(),
-                metavar=name.strip("[]"),
-                nargs="?" if name.startswith("[") else None,  # type: ignore[arg-type]
+                name.rpartition("|")[2].strip("[.]").lower(),
+                metavar=name.strip("[.]"),
+                nargs=("*" if "..." in name else "?") if name.startswith("[") else None,  # type: ignore[arg-type]
                 help=text,
             )
         for option in options:
@@ -518,13 +561,15 @@ def _parser() -> _Parser:
     case = ("CASE", "the case file (TOML)")
     folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
     a = ("A", "a folder of results, or a measured curve (CSV)")
-    b = ("B", "another; differences are relative to this one")
+    b = ("B", "another; differences are relative to the last one")
+    more = ("[MORE...]", "further ones")
     kind = ("KIND", f"the kind of test: {', '.join(KINDS)}")
     command(_run, case, options=("--set", "--output"))
     command(_check, case, options=("--set",))
     command(_calibrate, case, options=_OF_CALIBRATION)
+    command(_sweep, case, options=("--vary", "--set", "--output", "--jobs", "--ranks"))
     command(_resume, folder, options=("--set", "--output", "--from-step"))
-    command(_compare, a, b, options=("--columns", "--output"))
+    command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics)
     return parser

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
+from .continuum.formed import NO_BENDING, FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -351,12 +352,20 @@ class _Run:
         """
         case, result = self.case, reference.result
         controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
+
+        def rung(refine: int) -> dict[str, Any]:
+            network = Network(self.comm, case.preform(refine=refine), case.fabric())
+            finer = case.experiment(network, bending=case.second_gradient, controls=controls)
+            return reference.rung(finer)
+
+        self._climb(rung)
+
+    def _climb(self, rung: Callable[[int], dict[str, Any] | None]) -> None:
+        """Compare a rung for each value of refine; to summary and ladder.csv."""
         rungs = []
-        for refine in case.continuum.ladder or ():
+        for refine in self.case.continuum.ladder or ():
             with self.stages.stage("ladder", f"refine = {refine} compared with the membrane"):
-                network = Network(self.comm, case.preform(refine=refine), case.fabric())
-                finer = case.experiment(network, bending=case.second_gradient, controls=controls)
-                rungs.append({"refine": refine} | reference.rung(finer))
+                rungs.append({"refine": refine} | (rung(refine) or {}))
         if rungs:
             self.summary["continuum"]["ladder"] = rungs
             self._write_csv("ladder.csv", {key: [rung[key] for rung in rungs] for key in rungs[0]})
@@ -420,6 +429,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
+            self._compare_with_membrane(forming, result)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -431,6 +441,33 @@ class _FormingRun(_Run):
         if self.checkpoint is not None:
             self.checkpoint.remove()
         return self.summary
+
+    def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
+        """Form a membrane beside a forming that went well, where that is asked for."""
+        continuum = self.case.continuum
+        if self.failure is not None or not (continuum.compare or continuum.ladder):
+            return
+        with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
+            reference = FormedReference(forming, result, continuum.mesh_size_si)
+            self.summary["continuum"] = reference.summary()
+            if reference.rows:
+                self._write_csv("continuum.csv", reference.table())
+
+        def rung(refine: int) -> dict[str, Any] | None:
+            network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
+            return reference.rung(self.case.forming(network))
+
+        told = [NO_BENDING] if self.summary.get("wrinkles", {}).get("area_share") else []
+        if reference.failed:
+            told.append(f"the membrane beside the network could not be formed: {reference.failed}")
+        else:
+            try:
+                self._climb(rung)
+            except EquilibriumError as error:
+                told.append(f"a net of continuum.ladder could not be formed: {error}")
+        for sentence in told:
+            self.summary["warnings"].append(sentence)
+            self.log.warning("warning       %s", sentence)
 
     def _form(self, forming: Forming, record: formed.Record) -> Formed:
         """Form; what ends it early is kept in ``failure``, with what was reached."""

@@ -212,7 +212,7 @@ def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
         assert root["Steps"].attrs["NSteps"] == 7
         assert root["Steps/Values"][1:] == pytest.approx(steps["extension_mm"])
         assert root.attrs["asked"][1:].tolist() == steps["asked"].tolist()
-        moved = root["PointData/displacement"][:].reshape(7, -1, 3)[..., 1].max(axis=1)
+        moved = root["PointData/displacement_m"][:].reshape(7, -1, 3)[..., 1].max(axis=1)
     assert 1e3 * moved == pytest.approx([0.0, *steps["extension_mm"]], abs=1e-3)
 
 

@@ -35,6 +35,11 @@ if TYPE_CHECKING:
 
     from ..net.network import Network
 
+# A key as `--set` has it: tables' names, and numbers of those in a list, from zero as in sentences.
+_PART = r"[\w-]+(?:\[\d{1,4}\])*"
+KEY = rf"\s*{_PART}\s*(?:\.\s*{_PART}\s*)*"
+_KEYS = re.compile(r"([\w-]+)|\[(\d+)\]")
+
 
 class ContinuumTable(Table):
     """[continuum]: the membrane to compare with."""
@@ -45,9 +50,10 @@ class ContinuumTable(Table):
     """Whether the membrane resists the bending of yarns. The default: where the network does and
     test.finite = true. Example: `true`"""
     mesh_size: Size | None = None
-    """Of the membrane. The default is the program's choice."""
+    """Of the membrane. The default is the program's choice; of a forming half the net's pitch."""
     ladder: Counts | None = None
-    """Compare finer and finer nets: values of refine. Example: `[1, 2, 4]`"""
+    """Compare finer and finer nets: values of refine, of a forming with its yarns_per_cruciform.
+    Example: `[1, 2, 4]`"""
 
     @property
     def mesh_size_si(self) -> float | None:
@@ -129,9 +135,10 @@ class Case(Table):
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
         """Read and check a TOML file.
 
-        ``overrides`` are like "preform.refine=4", with a value in TOML, or a bare text. Raises
-        InputError for anything wrong with the file, its keys and values, the fabric, the outline,
-        or the edges the test needs: all problems at once, with their lines in the file.
+        ``overrides`` are like "preform.refine=4" or "tool[0].friction=0.2", with a value in TOML,
+        or a bare text. Raises InputError for anything wrong with the file, its keys and values, the
+        fabric, the outline, or the edges the test needs: all problems at once, with their lines in
+        the file.
         """
         text, data = read_toml(path, "case file")
         # As paths that a resumed run, or one in another folder, still finds.
@@ -153,7 +160,7 @@ class Case(Table):
                 FabricTable.from_data(data["fabric"], "fabric").build("")
             with problems.caught():
                 PreformTable.from_data(data["preform"], "preform").build()
-        others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
+        others = [tuple(re.findall(r"[\w-]+", o.partition("=")[0])) for o in overrides]
         raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
     @classmethod
@@ -219,8 +226,8 @@ class Case(Table):
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
-            ("continuum.compare", self.continuum.compare),
-            ("continuum.ladder", forming and self.continuum.ladder is not None),
+            ("continuum.compare", self.continuum.compare and not forming),
+            ("continuum.second_gradient", forming and self.continuum.second_gradient),
             ("output.exports", self.output.exports),
             ("output.scene", forming and self.output.scene),
             ("output.measured", forming and self.output.measured is not None),
@@ -229,11 +236,13 @@ class Case(Table):
                 problems.append(f"{key} is not for forming, leave it out")
             elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
-        if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
+        coarse = self.preform_table.yarns_per_cruciform > 1 and not forming
+        if self.continuum.ladder is not None and coarse:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        beside = self.continuum.compare or self.continuum.ladder
         size, fabric, preform = self.continuum.mesh_size, None, None
         with problems.caught():
             fabric = self.fabric()
@@ -243,6 +252,9 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming and beside:
+            with problems.caught():
+                preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)
@@ -259,8 +271,7 @@ class Case(Table):
 def _apply(data: dict[str, Any], override: str) -> None:
     """Put one "table.key=value" into the data."""
     name, equals, text = override.partition("=")
-    keys = [key.strip() for key in name.split(".")]
-    if not equals or not all(re.fullmatch(r"[\w-]+", key) for key in keys):
+    if not equals or not re.fullmatch(KEY, name):
         raise InputError(f'--set "{override}" is not of the form preform.refine=4')
     try:
         value = parse_toml(f"value = {text}")
@@ -268,8 +279,22 @@ def _apply(data: dict[str, Any], override: str) -> None:
     except ValueError:
         setting = text.strip()
     table: Any = data
-    for i, key in enumerate(keys[:-1], 1):
-        table = table.setdefault(key, {})
-        if not isinstance(table, dict):
-            raise InputError(f'--set "{override}": {".".join(keys[:i])} is a value, not a table')
-    table[keys[-1]] = setting
+    place = ""
+    keys = _KEYS.findall(name)
+    for n, (key, index) in enumerate(keys, 1):
+        problem = ""
+        if index:
+            if not isinstance(table, list) or int(index) >= len(table):
+                problem = f"there is no {place}[{index}]"
+        elif isinstance(table, list):
+            problem = f"{place} is a list, write {place}[0].{key}"
+        elif not isinstance(table, dict):
+            problem = f"{place} is a value, not a table"
+        if problem:
+            raise InputError(f'--set "{override}": {problem}')
+        place += f"[{index}]" if index else f".{key}" if place else key
+        at = int(index) if index else key
+        if n == len(keys):
+            table[at] = setting
+        else:
+            table = table[at] if index else table.setdefault(at, {})

@@ -22,13 +22,14 @@ from importlib.resources import files
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, ValidationInfo, field_validator, model_validator
 
 from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
 from ..units import LIMITS, MEASURES, Quantity, format_si
+from .weave import Weave
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
@@ -113,6 +114,8 @@ class Fabric:
     """Of the cloth at rest [m]; for contact, exports and pictures in space."""
     fibre_density: float | None = None
     """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
+    weave: str = "plain"
+    """Or "twill 2/2", "satin 5" (`Weave.named`); for pictures of yarns in space."""
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
@@ -151,6 +154,10 @@ class Fabric:
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
                 problems += _number(name, getattr(self, name), unit)
+        try:
+            Weave.named(self.weave)
+        except InputError as error:
+            problems.append(f"fabric.weave {error}")
         problems.tell()
         fraction = self.fibre_volume_fraction
         if self.thickness is not None and fraction is not None and fraction > 1.0:
@@ -576,6 +583,14 @@ class TensionTable(Table):
     """Strain over which the stiffness falls. About buckling stress over modulus."""
 
 
+def _woven(name: str) -> str:
+    try:
+        Weave.named(name)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    return name
+
+
 class FabricTable(Table):
     """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
 
@@ -600,6 +615,9 @@ class FabricTable(Table):
     """Of the cloth at rest. For contact, exports and scene.png."""
     fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
     """Of what the yarns consist of. For exports."""
+    weave: Annotated[str, AfterValidator(_woven)] | None = None
+    """How the yarns cross, for scene.png. The default is plain, or the library's. "plain", "twill
+    2/2" (warps over 2 wefts and under 2), "satin 5" (5 harnesses). Example: `"twill 2/2"`"""
 
     @field_validator("use")
     @classmethod
@@ -616,8 +634,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness "
-                "and fibre_density may stand)"
+                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness, "
+                "fibre_density and weave may stand)"
             )
         if self.use is None and missing:
             raise ValueError(
@@ -668,6 +686,7 @@ class FabricTable(Table):
             compression=tension.compression,
             compression_width=tension.compression_width,
             **{key: given[key].si for key in _PLY_DATA if key in given},
+            weave=self.weave or "plain",
         )
 
 

@@ -91,7 +91,7 @@ class Equilibrium:
         self._before: np.ndarray | None = None  # positions of the last tangent
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
-        self._shifted, self._shift = 0, FIRST_SHIFT
+        self._shifted, self._shift, self._loose = 0, FIRST_SHIFT, 1.0
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -173,7 +173,7 @@ class Equilibrium:
         self._history.append(float(residual))
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        if residual <= self._tolerance():
+        if residual <= self._loose * self._tolerance():
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS
         if iteration >= snes.max_it:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
@@ -250,13 +250,15 @@ class Equilibrium:
 
     # -- steps ------------------------------------------------------------------------------------
 
-    def solve(self, guess: State) -> Found:
+    def solve(self, guess: State, loose: float = 1.0) -> Found:
         """Find equilibrium near a state, under its hold and loads. Collective.
+
+        ``loose``: the residual may be so many times the tolerance.
 
         Raises EquilibriumError on every rank.
         """
         begin = time.perf_counter()
-        self._start, self._last, self._before = guess, None, None
+        self._start, self._last, self._before, self._loose = guess, None, None, loose
         self._history, self._recent, self._shifted = [], [], 0
         self._vector.set(0.0)
         try:
@@ -286,7 +288,9 @@ class Equilibrium:
             time.perf_counter() - begin,
         )
 
-    def tangent_step(self, state: State, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def tangent_step(
+        self, state: State, change: np.ndarray, out_of_balance: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Answer of the free unknowns to a change of prescribed ones, at a state. Collective.
 
         Parameters
@@ -294,6 +298,8 @@ class Equilibrium:
         state : State
         change : float (n_local, dim)
             Lab frame, m; its free part is not looked at.
+        out_of_balance : bool
+            Whether they also answer to what is out of balance there, as where loads have changed.
 
         Returns
         -------
@@ -309,7 +315,10 @@ class Equilibrium:
         try:
             with self._options(), calling_back(self.snes):
                 self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
-                pushed = model.to_axes(model.times(blocks, change)[:owned])
+                pushed = model.times(blocks, change)
+                if out_of_balance:
+                    pushed += model.force(state)[0]
+                pushed = model.to_axes(pushed[:owned])
                 right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
                 self.snes.ksp.setOperators(self._matrix)
                 self.snes.setUp()

@@ -96,6 +96,8 @@ class Increment:
         Residual before each Newton step of the last solution, and the last one.
     shifted : int
         Newton steps for which the tangent was mended.
+    rounds : int
+        How often equilibrium was sought, see Found.
     seconds : float
     asked : bool
         Whether it is one that was asked for, rather than a step on the way.
@@ -115,6 +117,7 @@ class Increment:
     tolerance: float
     history: list[float] = field(repr=False)
     shifted: int = 0
+    rounds: int = 1
     seconds: float = 0.0
     asked: bool = False
     cuts: int = 0
@@ -144,6 +147,7 @@ class Step:
             last.tolerance,
             last.history,
             sum(found.shifted for found in solved),
+            sum(found.rounds for found in solved),
             sum(found.seconds for found in solved),
             asked,
             cuts,

@@ -41,6 +41,8 @@ class FormingStep:
         On the cloth by each tool, N.
     tool_place : dict of float (3,)
         m.
+    tool_moment : dict of float (3,)
+        On the cloth by each tool about its origin, where ``tool_place`` has it, N m.
     spent : dict
         What friction and viscosity have dissipated up to here, J.
     work : float
@@ -51,8 +53,14 @@ class FormingStep:
     increment: Increment
     tool_force: Mapping[str, Vector]
     tool_place: Mapping[str, Vector]
+    tool_moment: Mapping[str, Vector]
     spent: Mapping[str, float]
     work: float
+
+    @property
+    def of_tools(self) -> tuple[Mapping[str, Vector], ...]:
+        """All vectors that there are by tool."""
+        return self.tool_force, self.tool_place, self.tool_moment
 
 
 @dataclass
@@ -100,7 +108,7 @@ def form(
     """
     formed, model = Formed(blank), blank.model
     start, work = blank.start(), 0.0
-    longest = LONGEST * float(blank.network.pitch.mean())
+    longest = LONGEST * blank.pitch
     equilibrium = Equilibrium(
         model, start, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )
@@ -146,6 +154,7 @@ def form(
             step.increment,
             dict(zip(names, driving, strict=True)),
             dict(zip(names, place, strict=True)),
+            blank.tool_moments(step.state),
             blank.spent(state),
             work,
         )

@@ -61,7 +61,7 @@ class Forming:
 
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
-    reference: ClassVar[str] = ""  # there is no membrane beside it
+    reference: ClassVar[str] = "formed"
 
     def __init__(
         self,
@@ -108,13 +108,18 @@ class Forming:
         settings = replace(
             ContactSettings.of(fabric), **{key: q.si for key, q in told.items() if q is not None}
         )
-        self.blank = Blank(
-            network,
+        self.settings = settings
+        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
+        """A blank of a kind among the tools. Collective."""
+        return kind(
+            self.network,
             self.tools,
-            weight=test.gravity,
-            settings=settings,
-            waves=(height, wave.seed) if height else None,
-            bending=test.bending,
+            weight=self.test.gravity,
+            settings=self.settings,
+            bending=self.test.bending,
+            **further,
         )
 
     # -- tools --------------------------------------------------------------------------------

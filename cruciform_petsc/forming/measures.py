@@ -101,14 +101,16 @@ def contact_fields(blank: Blank, state: State) -> dict[str, np.ndarray]:
     -------
     dict of float (n_local,)
         "pressure" of all tools, Pa; "distance to TOOL", m, between the cloth's face and the tool,
-        negative where the cloth is compacted.
+        negative where the cloth is compacted; "slip on TOOL", m, the way slid along it.
     """
-    nodes, fields = blank.ply.nodes, {}
+    nodes = blank.ply.nodes
+    fields: dict[str, np.ndarray] = {}
     pressure = np.zeros(len(blank.touching))
     for contact in blank.contacts:
         found = contact.fields(state)
         pressure += found["pressure"]
         fields[f"distance to {contact.name}"] = found["distance"]
+        fields[f"slip on {contact.name}"] = found["slip"]
     spread = {}
     for name, values in {"pressure": pressure, **fields}.items():
         wide = np.full(nodes.num_nodes_local, np.nan)

@@ -148,9 +148,10 @@ class _Run(_Table):
         return all(
             (
                 step.stage == _stage_name(case, step.increment.control)
-                and step.tool_force.keys() == step.tool_place.keys() == names
-                and _has_numbers([step.work, *map(list, step.tool_force.values())])
-                and _has_numbers([*map(list, step.tool_place.values())])
+                and all(vectors.keys() == names for vectors in step.of_tools)
+                and _has_numbers(
+                    [step.work, *(list(v) for vs in step.of_tools for v in vs.values())]
+                )
             )
             if isinstance(step, FormingStep)
             else not forming
@@ -760,7 +761,7 @@ def determines(case: Case) -> dict[str, Any]:
     cannot be read; not collective.
     """
     fabric = asdict(case.fabric())
-    for name in ("name", "source"):
+    for name in ("name", "source", "weave"):
         fabric.pop(name)
     data = case.model_dump() | {"fabric": fabric}
     for name in ("title", "continuum", "solver", "output"):

@@ -143,6 +143,8 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
 
 def _comparisons(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Names and figures of what the last state is compared with."""
+    if "closed_form" in summary:
+        yield "closed form", summary["closed_form"]["sentence"]
     measured = summary.get("measured", {})
     if "rms_relative" in measured:
         rms, end = 100 * measured["rms_relative"], 100 * measured["end_relative"]

@@ -98,7 +98,8 @@ class Progress:
 
     def _write(self) -> None:
         """Write the curve as far as it is known."""
-        write_csv(self.experiment.network.comm, self.path, curve_of(self.increments))
+        curve = curve_of(self.increments, self.experiment)
+        write_csv(self.experiment.network.comm, self.path, curve)
 
 
 class Route:

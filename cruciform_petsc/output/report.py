@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 MAPS = {  # {at}: the last value asked for
     "scene.png": "The yarns in space {at}, coloured by shear angle; "
     "yarn cross-sections are illustrative.",
-    "formed.png": "The formed blank {at}, coloured by shear angle, with the tools.",
+    "formed.png": "The formed blank {at}, coloured by the size of the shear angle, on its tools; "
+    "those from above are cut open in front.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
@@ -55,7 +56,10 @@ CAPTIONS = MAPS | {  # and Experiment.captions
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
 }
-FORMING_CAPTIONS = {"energy.png": "Energy: stored in cloth and contact; dissipated by friction."}
+FORMING_CAPTIONS = {
+    "stages.png": "On the way there, in true scale and with one colour scale.",
+    "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
+}
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
@@ -112,7 +116,7 @@ def write_report(
         return {
             "key_figures": _key_figures(experiment, summary),
             "note": f"{_sentence(at)} Largest yarn tension: "
-            f"{tension_text(summary['yarn_tension_max'])}.",
+            f"{tension_text(summary['yarn_tension_max'])}.{_closed_form(summary)}",
             "maps": gallery(maps, captions, at, experiment.colour),
             "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
@@ -154,12 +158,12 @@ def write_forming_report(
         return {
             "key_figures": _forming_figures(summary),
             "note": _sentence(at),
-            "maps": gallery(maps, CAPTIONS, at),
+            "maps": gallery(maps, CAPTIONS | FORMING_CAPTIONS, at),
             "striped": False,
             "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
             "results": Table(list(results), [rows[i] for i in asked]),
             "measured_table": None,
-            "continuum": None,
+            "continuum": _formed_continuum(summary),
             "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
         }
 
@@ -234,6 +238,11 @@ def _key_figures(
     energy = sum(last(value) for value in summary["energy_j"].values())
     shown = f"{energy:.4g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.4g} mJ"
     yield "strain energy", energy, shown
+
+
+def _closed_form(summary: Mapping[str, Any]) -> str:
+    """The sentence about it, behind another one."""
+    return f" {_sentence(summary['closed_form']['sentence'])}" if "closed_form" in summary else ""
 
 
 def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
@@ -349,6 +358,44 @@ def _continuum(
         f"{si_text(continuum['mesh_size_m'], 'm')}.",
         "table": Table([control.name, *heads], rows),
         "ladder": Table(["refine", "crossovers", *heads], ladder) if ladder else None,
+    }
+
+
+def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The membrane beside a forming, in its last state."""
+    continuum = summary.get("continuum", {})
+    if "force_ratio" not in continuum:
+        return None
+    rows: list[tuple[str, str, str]] = []
+    for name, (_, _, force) in continuum["tool_force_n"].items():
+        ours = summary["tool_force_n"][name][2]
+        rows.append((f"{name}, force along z (N)", _number(ours), _number(force)))
+    for name, key in (("largest shear angle (°)", "shear_max_deg"), ("of 99 %", "shear_p99_deg")):
+        rows.append((name, _number(summary[key]), _number(continuum[key])))
+    for edge, drawn in continuum["draw_in_mm"].items():
+        ours = summary["draw_in_mm"][edge]
+        rows.append((f"largest draw-in, {edge} (mm)", _number(ours), _number(drawn)))
+    rungs = continuum.get("ladder") or []
+    heads = {
+        "refine": "refine",
+        "crossovers": "crossovers",
+        "draw_in_ratio": "draw-in, network / membrane",
+        "relative_l2_displacement": "difference of displacement",
+        "relative_l2_shear": "difference of shear",
+        "mean_abs_shear_deg": "mean difference of shear (°)",
+    }
+    forces = {f"{n}_force_ratio": f"{n}, network / membrane" for n in continuum["force_ratio"]}
+    heads |= forces
+    ladder = [[_number(rung[key]) for key in heads] for rung in rungs]
+    return {
+        "text": f"The same cloth as a hyperelastic membrane in dolfinx among the same tools: "
+        f"{continuum['cells']:,} linear triangles along the yarns, {continuum['dofs']:,} unknowns, "
+        f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. In the last state that both have, "
+        f"shear angles differ by {continuum['mean_abs_shear_deg']:.2f}° in the mean, displacements "
+        f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}; here "
+        f"{_percent(continuum['bending_share'])} of the network's strain energy are bending.",
+        "table": Table(["", "network", "membrane"], rows),
+        "ladder": Table(list(heads.values()), ladder) if ladder else None,
     }
 
 

@@ -236,7 +236,8 @@ def from_file(
     Parameters
     ----------
     path
-        STL (binary or text), OBJ, PLY; STEP, through gmsh; CSV: points x, y, z of a height field.
+        STL (binary or text), OBJ, PLY; STEP, through cascadio or gmsh; CSV: points x, y, z of
+        a height field.
     unit : float
         Metres in one of the file's unit; None for STEP, which says so itself.
     side : str, optional

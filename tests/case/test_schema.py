@@ -286,6 +286,29 @@ def test_overrides(write):
     assert case.title == "a = b"
 
 
+def test_overrides_of_tables_in_a_list(write):
+    """By their numbers, from zero, as sentences have them."""
+    forming = [
+        'test = { kind = "forming" }',
+        'tool = [{ name = "die", shape.plane = {} }, { name = "punch", shape.plane = {} }]',
+        'stage = [{ name = "close", force = { punch = "50 N" } }]',
+    ]
+    path = write(SPECIMEN)
+    for override, said in (
+        ("tool[1].friction=much", "tool[1].friction "),
+        ("stage[0].force.punch=3 m", "stage[0].force.punch "),
+        ("tool[2].friction=1", "there is no tool[2]"),
+        ("tool.friction=1", "tool is a list, write tool[0].friction"),
+        ("preform[0].refine=1", "there is no preform[0]"),
+        ("test.kind[0]=1", "there is no test.kind[0]"),
+    ):
+        with pytest.raises(InputError) as caught:
+            Case.load(path, [*forming, override])
+        assert said in str(caught.value)
+    case = Case.load(path, ['test.extension=["1 mm", "2 mm"]', "test.extension[1]=5 mm"])
+    assert case.test.values_si == pytest.approx([1e-3, 5e-3])
+
+
 @pytest.mark.parametrize("override", ["preform.refine", "=4", "a..b=1", "a b=1", ""])
 def test_bad_override(write, override):
     """An override that is none says how one looks."""
@@ -363,8 +386,8 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness and fibre_density may "
-            "stand)",
+            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
+            "weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],

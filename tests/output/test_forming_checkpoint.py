@@ -15,7 +15,8 @@ from support.forming import CASE, LONG, kept, same_end, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.equilibrium import follow
+from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.output.checkpoint import Checkpoint, _differences, determines
 from cruciform_petsc.output.folder import unlock_directory
 
@@ -29,10 +30,8 @@ def long_case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(long_case):
-    """It touches all that has to be kept: cut steps, tools pushed and stopped, a fading contact."""
-    result = kept(COMM, long_case)
-    assert max(step.increment.cuts for step in result.steps) > 0
-    return result
+    """It touches all that has to be kept: tools pushed and stopped, a contact that fades."""
+    return kept(COMM, long_case)
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +83,24 @@ def test_killed_again_and_again(tmp_path):
     result = kept(COMM, case, checkpoint)
     same_end(result, alone)
     states_agree(result, alone)
+
+
+def test_steps_that_were_cut_stay_short(tmp_path, monkeypatch):
+    """One that failed twice is followed by those that it would have been followed by."""
+    case, settle, times = Case.load(written(tmp_path)), follow.settle, [1.5, 1.25]
+
+    def failing(equilibrium, guess):
+        if guess.time in times:
+            times.remove(guess.time)
+            raise EquilibriumError("no", "NO", [])
+        return settle(equilibrium, guess)
+
+    monkeypatch.setattr(follow, "settle", failing)
+    alone = kept(COMM, case)
+    times[:] = [1.5, 1.25]
+    assert [step.increment.control for step in alone.steps[1:3]] == [1.125, 1.3125]
+    assert kept(COMM, case, Checkpoint.begin(COMM, tmp_path, case), 2) is None
+    same_end(kept(COMM, case, Checkpoint.resume(COMM, tmp_path)), alone)
 
 
 @pytest.mark.parametrize("step", [5, 8])
