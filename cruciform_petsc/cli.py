@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import json
 import logging
 import os
 import re
@@ -18,7 +19,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
@@ -327,9 +328,10 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
             raise InputError(text) from None
     case, directory = _case_and_folder(comm, args)
     from .calibrate import calibrate_case
-    from .output.folder import OF_CALIBRATION, locked
+    from .output.folder import LOG, OF_CALIBRATION, locked
+    from .output.log import kept
 
-    with locked(comm, directory, OF_CALIBRATION, args.log):
+    with locked(comm, directory, (*OF_CALIBRATION, LOG), args.log), kept(comm, directory, args.log):
         calibrate_case(comm, case, args.data, directory, args.log, **more)
 
 
@@ -367,28 +369,103 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         print(harmless(text))
 
 
-def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """List the library of fabrics.
+def _schema(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print the JSON schema of case files, for editors.
 
-    Example: cruciform-petsc fabrics
+    An editor that knows TOML (taplo, Even Better TOML) takes it from the first line of a case file,
+    "#:schema case.schema.json", and completes keys and tells what they mean.
+
+    Example: cruciform-petsc schema > case.schema.json
     """
-    from .cloth.fabric import Fabric, fabric_names
-    from .units import format_si
+    from .case.schema import Case
+
+    if comm.rank == 0:
+        print(json.dumps(Case.json_schema(), indent=1, ensure_ascii=False))
+
+
+_COMPLETION = """\
+# Of {program} {version}; into ~/.bashrc: eval "$({program} completion)"
+# zsh wants this before: autoload -U +X bashcompinit && bashcompinit
+_cruciform_petsc() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} words=
+    if [ "$COMP_CWORD" = 1 ]; then
+        words="{commands}"
+    elif [ "$before" = --set ] || [ "$before" = --vary ]; then
+        words="{keys}"
+        compopt -o nospace 2> /dev/null
+    elif [ "$before" = --by ]; then
+        words="{ways}"
+    elif [ "$before" = new ]; then
+        words="{kinds}"
+    else
+        case ${{COMP_WORDS[1]}}:$word in
+{options}
+        esac
+    fi
+    COMPREPLY=($(compgen -W "$words" -- "$word"))
+}}
+complete -o bashdefault -o default -F _cruciform_petsc {program}"""
+
+
+def _completion(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print what makes bash complete commands, options and keys.
+
+    For zsh, too, after: autoload -U +X bashcompinit && bashcompinit
+
+    Example: eval "$(cruciform-petsc completion)"
+    """
+    from .case.schema import Case
+    from .compare import BY
 
     if comm.rank:
         return
+    parsers: Mapping[str, argparse.ArgumentParser] = _parser().commands.choices
+    options = []
+    for name, parser in parsers.items():
+        words = (word for action in parser._actions for word in action.option_strings)
+        options.append(f'            {name}:-*) words="{" ".join(words)}" ;;')
+    print(
+        _COMPLETION.format(
+            program=PROGRAM,
+            version=__version__,
+            commands=" ".join(parsers),
+            keys=" ".join(f"{key}=" for key in Case.paths()),
+            ways=" ".join(BY),
+            kinds=" ".join(KINDS),
+            options="\n".join(options),
+        )
+    )
+
+
+def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """List the library of fabrics, or tell all of one.
+
+    With NAME: what was published of this fabric, what is estimated or assumed, and its source.
+
+    Example: cruciform-petsc fabrics carbon-twill-3k-284
+    """
+    from .cloth.fabric import Fabric, FabricTable, fabric_names, library
+    from .units import format_si
+
+    def short(value: float, unit: str) -> str:
+        return format_si(float(f"{value:.4g}"), unit)
+
+    names = fabric_names() if args.name is None else [args.name]
+    fabrics = [Fabric.from_library(name) for name in names]
+    if comm.rank:
+        return
     rows = [
-        ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear", "source"]
-    ]
-    for name in fabric_names():
-        fabric = Fabric.from_library(name)
+        ["fabric", "weave", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear",
+         "mass", "thickness", "source"]
+    ]  # fmt: skip
+    for fabric in fabrics:
         columns = [
             [
-                format_si(yarns.modulus, "N/m"),
+                short(yarns.modulus, "N/m"),
                 f"{yarns.poisson:g}",
-                format_si(yarns.yarns, "1/m"),
-                format_si(yarns.yarn_bending, "N*m**2"),
-                format_si(law.stiffness0, "N*m"),
+                short(yarns.yarns, "1/m"),
+                short(yarns.yarn_bending, "N*m**2"),
+                short(law.stiffness0, "N*m"),
             ]
             for yarns, law in zip(
                 (fabric.warp, fabric.weft), fabric.out_of_plane("this list"), strict=True
@@ -396,10 +473,19 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         ]
         # Warp and weft apart where they differ.
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        shear = format_si(fabric.shear_modulus, "N/m")
+        shear = short(fabric.shear_modulus, "N/m")
         if fabric.shear.name != "linear":
             shear += f" at rest, {fabric.shear.name}"
-        rows.append([name, *both, shear, fabric.source])
+        mass = short(fabric.areal_density, "kg/m**2") if fabric.areal_density else ""
+        thickness = short(fabric.thickness, "m") if fabric.thickness else ""
+        rows.append([fabric.name, fabric.weave, *both, shear, mass, thickness, fabric.source])
+    if args.name is not None:
+        told = [*zip(*rows, strict=True), ("notes", " ".join(library()[args.name].notes.split()))]
+        for what, text in told:
+            print(f"{what:<14}{text}")
+        for sentence in FabricTable(use=args.name).filled_in():
+            print(f"              {sentence}")
+        return
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         print("  ".join(map(str.ljust, row, widths)).rstrip())
@@ -504,6 +590,8 @@ def _check_petsc_option(argument: str, name: str) -> None:
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaints go the way of all input errors."""
 
+    commands: Any  # the parsers of our commands
+
     def error(self, message: str) -> NoReturn:
         raise InputError(message)
 
@@ -516,6 +604,7 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    parser.commands = commands
 
     def command(
         work: Callable[[MPI.Intracomm, argparse.Namespace], None],
@@ -571,27 +660,25 @@ def _parser() -> _Parser:
     command(_resume, folder, options=("--set", "--output", "--from-step"))
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
-    command(_fabrics)
+    command(_fabrics, ("[NAME]", "one of them"))
+    command(_schema)
+    command(_completion)
     return parser
 
 
-class _Harmless(logging.Formatter):
-    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """One line."""
-        return harmless(super().format(record)).replace("\n", "\\n")
-
-
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
-    """Make the log: to stdout on rank 0, silent on the others."""
+    """Make the log: to stdout on rank 0, silent on the others.
+
+    What --quiet leaves out still goes to the files that results have (output.log.kept).
+    """
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
     handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
-    handler.setFormatter(_Harmless())
+    handler.setFormatter(process.LogLines())
     log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
-    log.setLevel(logging.CRITICAL + 1 if comm.rank else level)
+    handler.setLevel(level)
+    log.setLevel(logging.CRITICAL + 1 if comm.rank else min(level, logging.INFO))
     return log

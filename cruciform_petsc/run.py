@@ -20,7 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
-from .continuum.formed import NO_BENDING, FormedReference
+from .continuum.formed import FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -35,8 +35,9 @@ from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export
-from .output.folder import OF_RUN, locked, remove_results
+from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
+from .output.pattern import write_pattern
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
@@ -80,9 +81,10 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
-    with locked(comm, directory, OF_RUN, log), catch_warnings():
+    with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        return kind(comm, case, directory, log, checkpoint).run()
+        with logs.kept(comm, directory, log, more=checkpoint is not None):
+            return kind(comm, case, directory, log, checkpoint).run()
 
 
 def _size(case: Case) -> str:
@@ -116,8 +118,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
 
 def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
     """What may be meant otherwise in a case, and what was left out of its measured data."""
-    shear = case.fabric_table.shear
-    questions = [None if shear is None else shear.question()]
+    questions: list[str | None] = [*case.fabric_table.questions()]
     if measured is not None:
         questions += [f"measured data: {note}" for note in measured.notes]
         if case.test.kind in SPECIMENS:
@@ -158,6 +159,11 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.stages = Stages(self.log)
+        self.summary["fabric"] = {
+            "name": self.case.fabric().name,
+            "source": self.case.fabric().source,
+            "assumed": self.case.fabric_table.filled_in(),
+        }
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
@@ -421,7 +427,11 @@ class _FormingRun(_Run):
         if result.steps:
             with self.stages.stage("write", "results written"):
                 formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
-                formed.write_outline(self.directory, forming, result.states[-1])
+                for sentence in write_pattern(
+                    self.directory, forming, result.states[-1], log, case.output.part
+                ):
+                    self.summary["warnings"].append(sentence)
+                    log.warning("warning       %s", sentence)
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
@@ -429,7 +439,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
-            self._compare_with_membrane(forming, result)
+            self._compare_with_membrane(forming, result, record)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -442,13 +452,18 @@ class _FormingRun(_Run):
             self.checkpoint.remove()
         return self.summary
 
-    def _compare_with_membrane(self, forming: Forming, result: Formed) -> None:
+    def _compare_with_membrane(
+        self, forming: Forming, result: Formed, record: formed.Record
+    ) -> None:
         """Form a membrane beside a forming that went well, where that is asked for."""
         continuum = self.case.continuum
         if self.failure is not None or not (continuum.compare or continuum.ladder):
             return
         with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
-            reference = FormedReference(forming, result, continuum.mesh_size_si)
+            self.log.info("%sthe membrane beside it:", INDENT)
+            reference = FormedReference(
+                forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
+            )
             self.summary["continuum"] = reference.summary()
             if reference.rows:
                 self._write_csv("continuum.csv", reference.table())
@@ -457,7 +472,11 @@ class _FormingRun(_Run):
             network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
             return reference.rung(self.case.forming(network))
 
-        told = [NO_BENDING] if self.summary.get("wrinkles", {}).get("area_share") else []
+        told = []
+        if self.summary["wrinkles"]["area_share"] > 0.0:
+            told.append(
+                "the cloth has wrinkles, and the membrane beside it no bending: they need not agree"
+            )
         if reference.failed:
             told.append(f"the membrane beside the network could not be formed: {reference.failed}")
         else:

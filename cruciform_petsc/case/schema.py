@@ -11,19 +11,28 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
+import shapely
+import shapely.affinity
 from pydantic import Field, PlainValidator, model_validator
+from pydantic.json_schema import GenerateJsonSchema
 
 from ..cloth.fabric import Fabric, FabricTable
-from ..cloth.preform import Preform, PreformTable
+from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import kind_class, pick_table
+from ..experiments.registry import every_table, kind_class, pick_table
 from ..experiments.table import small_unless_told
-from ..fields import Counts, Name, OneOf, Size, Table, Title
+from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.kind import Forming
-from ..forming.table import FormingTable, StageTable, check_stages
+from ..forming.table import (
+    ClampTable,
+    FormingTable,
+    StageTable,
+    check_pressure,
+    check_stages,
+)
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
@@ -85,6 +94,10 @@ class OutputTable(Table):
     """network.vtkhdf for ParaView."""
     exports: bool = False
     """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
+    part_outline: OutlineTable | None = None
+    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
+    rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
+    Example: `{ rectangle = ["160 mm", "120 mm"] }`"""
     report: bool | None = None
     """report.html, one page with everything; by default if pictures are on. Example: `true`"""
     measured: Name | None = None
@@ -93,6 +106,17 @@ class OutputTable(Table):
     measured_columns: Name | None = None
     """Titles of its two columns, or their numbers, where units leave a choice.
     Example: `"Extension (mm),Load (N)"`"""
+
+    @property
+    def part(self) -> shapely.Polygon | None:
+        """The part's outline in plan, m."""
+        if self.part_outline is None:
+            return None
+        polygon = self.part_outline.build()
+        if self.part_outline.rectangle is None:
+            return polygon
+        low, high = polygon.bounds[1], polygon.bounds[3]
+        return shapely.affinity.translate(polygon, 0.0, -0.5 * (low + high))
 
     @property
     def wants_report(self) -> bool:
@@ -109,10 +133,12 @@ class Case(Table):
     """The cloth."""
     preform_table: PreformTable = Field(alias="preform")
     """What was cut from it."""
-    test: Annotated[Any, OneOf(pick_table)]
+    test: Annotated[Any, OneOf(pick_table, every_table)]
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
+    clamps: list[ClampTable] = Field(alias="clamp", default=[])
+    """Edges of its blank that are held, `[[clamp]]`."""
     stages: list[StageTable] = Field(alias="stage", default=[])
     """What they do, one after the other, `[[stage]]`."""
     continuum: ContinuumTable = ContinuumTable()
@@ -177,7 +203,7 @@ class Case(Table):
     def preform(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the case's (for a ladder)."""
         preform = self.preform_table.build(refine)
-        return preform.centred() if self.test.centred else preform
+        return self.test.placed(preform)
 
     def experiment(
         self, network: Network, *, bending: bool | None = None, controls: Any = None
@@ -198,7 +224,9 @@ class Case(Table):
     def forming(self, network: Network) -> Forming:
         """Make the forming of the case's network, with its tools and stages. Collective."""
         given = {key: value for key, value in self.test if key != "kind"}
-        return Forming(network, self.tools, self.stages, **given, options=self.solver.options)
+        return Forming(
+            network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
+        )
 
     @property
     def second_gradient(self) -> bool:
@@ -211,15 +239,40 @@ class Case(Table):
         dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
         return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
+    @classmethod
+    def paths(cls) -> list[str]:
+        """Keys of a case file as `--set` has them, those of every kind of test."""
+        found: dict[str, None] = {}
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            below = list(every_table() if name == "test" else tables_in(field.annotation))
+            several = get_origin(field.annotation) is list
+            above = f"{key}[0]" if several else key
+            paths = [f"{above}.{each}" for table in below for each in table.keys()]  # noqa: SIM118
+            found |= dict.fromkeys(paths or [above])
+        return list(found)
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """JSON schema of a case file, for editors that know TOML: keys, texts about them, defaults.
+
+        It says less than `load` checks: that a text is a quantity, but not of which unit.
+        """
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+        schema = cls.model_json_schema(by_alias=True, schema_generator=_Schema)
+        return head | _without_null(schema) | {"title": "case file"}
+
     def check_together(self) -> None:
         """Check what no single table can know."""
         problems = Problems()
         forming = isinstance(self.test, FormingTable)
         if forming:
             with problems.caught():
-                check_stages(self.tools, self.stages, self.test.gravity)
+                check_stages(self.test, self.tools, self.stages, self.clamps)
         else:
-            for key, told in (("tool", self.tools), ("stage", self.stages)):
+            for key, told in (
+                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
+            ):  # fmt: skip
                 if told:
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
@@ -242,6 +295,12 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        part = self.output.part
+        if part is not None:
+            if not forming:
+                problems.append("output.part_outline is for a forming, leave it out")
+            elif not part.is_valid:
+                problems.append("output.part_outline crosses itself, or its holes do not fit in it")
         beside = self.continuum.compare or self.continuum.ladder
         size, fabric, preform = self.continuum.mesh_size, None, None
         with problems.caught():
@@ -252,7 +311,15 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming:
+            with problems.caught():
+                check_pressure(self.test, preform, self.stages, self.clamps)
         if preform and forming and beside:
+            if self.clamps or any(stage.pressure or stage.suction for stage in self.stages):
+                problems.append(
+                    "a membrane beside a forming knows no [[clamp]], pressure and suction, leave "
+                    "these out, or continuum.compare and ladder"
+                )
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
@@ -266,6 +333,24 @@ class Case(Table):
             with problems.caught():
                 self.test.check(preform, fabric)
         problems.tell()
+
+
+class _Schema(GenerateJsonSchema):
+    """Without a word about defaults that are quantities, which the texts about keys tell."""
+
+    ignored_warning_kinds: set[Any] = {"skipped-choice", "non-serializable-default"}  # noqa: RUF012
+
+
+def _without_null(schema: Any) -> Any:
+    """The same for TOML, which has no null: keys are left out."""
+    if isinstance(schema, list):
+        return [_without_null(part) for part in schema if part != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {key: _without_null(value) for key, value in schema.items() if value is not None}
+    if len(kept.get("anyOf", [])) == 1:
+        kept |= kept.pop("anyOf")[0]
+    return kept
 
 
 def _apply(data: dict[str, Any], override: str) -> None:

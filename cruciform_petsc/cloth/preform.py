@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Self
@@ -23,7 +23,7 @@ from shapely.geometry.polygon import orient
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Of, Point, Ring, Rings, Sides, Table, si_values
+from ..fields import Count, Lines, Of, Point, Ring, Rings, Sides, Table, si_values
 from ..units import Quantity, format_si
 from .fabric import Fabric
 
@@ -31,6 +31,7 @@ _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
 _ALONG = 1e-6  # of the outline's size: how far a side may turn from a yarn
+_SLIT = 2e-5  # of the outline's size: width of a slit, less than a yarn's, more than lattice.SNAP
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -124,17 +125,29 @@ class Preform:
         """Centre of the outline's bounding box, float (2,) [m]."""
         return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
 
-    def centred(self) -> Preform:
-        """The same with the centre of its bounding box at x = y = 0."""
-        x, y = self.middle
-        origin = None if self.origin is None else (self.origin[0] - x, self.origin[1] - y)
+    def centred(self, planes: Collection[str] = ()) -> Preform:
+        """The same with the centre of its bounding box at x = y = 0.
+
+        Of a part between planes of symmetry, ``planes`` names its sides there: "left" or "right" is
+        put at x = 0, "lower" or "upper" at y = 0, and a crossover where they meet by default. Of
+        two that face each other the centre is between them.
+        """
+        shift = self.middle
+        for axis, sides in enumerate((("left", "right"), ("lower", "upper"))):
+            there = [side for side in sides if side in planes]
+            if len(there) == 1:
+                shift[axis] = self.edge(there[0])[0, 0, axis]
+        if self.origin is None:
+            origin = (0.0, 0.0) if planes else None
+        else:
+            origin = (self.origin[0] - shift[0], self.origin[1] - shift[1])
         named = {"outline", "hole", *_SIDES}
         edges = {
-            name: segments - self.middle
+            name: segments - shift
             for name, segments in self.edges.items()
             if name.partition("-")[0] not in named
         }
-        outline = shapely.transform(self.outline, lambda xy: xy - self.middle)
+        outline = shapely.transform(self.outline, lambda xy: xy - shift)
         return replace(self, outline=outline, origin=origin, edges=edges)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
@@ -156,7 +169,8 @@ class Preform:
         """Cut a rectangle: x in [-width/2, width/2], y in [0, length].
 
         Lengths and the angle have a unit ("75 mm", "45 deg") or are in SI. ``holes`` are lists of
-        corners; options are ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
+        corners; options are ``slits`` and ``darts``, lists of points (see OutlineTable),
+        ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
         """
         outline = {"rectangle": [width, length], "holes": holes}
         return cls._cut(outline, bias_angle, options)
@@ -174,6 +188,7 @@ class Preform:
 
     @classmethod
     def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
+        outline |= {key: options.pop(key) for key in ("slits", "darts") if key in options}
         table = OutlineTable.from_data(outline, "preform.outline", bare=True)
         shape = table.build()
         given, size = outline.get("rectangle", outline.get("polygon")), np.ptp(shape.bounds[::2])
@@ -383,6 +398,12 @@ class OutlineTable(Table):
     holes: Rings = Field(default=[])
     """Corners of each hole. Example:
     `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
+    slits: Lines = Field(default=[])
+    """Points of each cut, straight from one to the next; it may begin and end at the outline or
+    beyond. Yarns that cross it are cut. Example: `[[["0 mm", "20 mm"], ["0 mm", "50 mm"]]]`"""
+    darts: Rings = Field(default=[])
+    """Corners of pieces that are cut out, at the outline mostly: triangles, notches. Example:
+    `[[["-10 mm", "0 mm"], ["10 mm", "0 mm"], ["0 mm", "40 mm"]]]`"""
 
     @model_validator(mode="after")
     def _one_shape(self) -> OutlineTable:
@@ -392,12 +413,52 @@ class OutlineTable(Table):
 
     def build(self) -> shapely.Polygon:
         """The outline, in metres; `Preform` checks it."""
-        holes = [[si_values(point) for point in hole] for hole in self.holes]
+        holes = _places(self.holes)
         if self.rectangle is None:
-            return shapely.Polygon([si_values(point) for point in self.polygon or ()], holes)
-        width, length = si_values(self.rectangle)
-        x = 0.5 * width
-        return shapely.Polygon([[-x, 0.0], [x, 0.0], [x, length], [-x, length]], holes)
+            (corners,) = _places([self.polygon or []])
+        else:
+            width, length = si_values(self.rectangle)
+            x = 0.5 * width
+            corners = [[-x, 0.0], [x, 0.0], [x, length], [-x, length]]
+        whole = shapely.Polygon(corners, holes)
+        cuts = _places(self.slits), _places(self.darts)
+        return _cut_out(whole, *cuts) if any(cuts) else whole
+
+
+def _places(paths: Sequence[Sequence[Sequence[Quantity]]]) -> list[list[list[float]]]:
+    return [[si_values(list(point)) for point in path] for path in paths]
+
+
+def _cut_out(whole: shapely.Polygon, slits: list, darts: list) -> shapely.Polygon:
+    """A polygon without darts, and slit along lines: with gaps much narrower than a yarn."""
+    _check_ring("preform.outline", whole)
+    gap = _SLIT * np.ptp(np.reshape(whole.bounds, (2, 2)), axis=0).max()
+    cuts = {}
+    for i, path in enumerate(slits):
+        line = shapely.LineString(path)
+        if line.length <= gap or not line.is_simple:
+            raise InputError(
+                f"preform.outline.slits[{i}] "
+                + ("crosses itself" if line.length > gap else "has no length")
+            )
+        cuts[f"slits[{i}]"] = line.buffer(0.5 * gap, cap_style="flat", join_style="mitre")
+    for i, corners in enumerate(darts):
+        cuts[f"darts[{i}]"] = shapely.Polygon(corners)
+        _check_ring(f"preform.outline.darts[{i}]", cuts[f"darts[{i}]"])
+    for name, cut in cuts.items():
+        if not shapely.intersection(whole, cut).area > 0.0:
+            raise InputError(f"preform.outline.{name} lies beside the cloth, it cuts nothing")
+    left = whole.difference(shapely.union_all(list(cuts.values())))
+    if not isinstance(left, shapely.Polygon) or left.is_empty:
+        pieces = len(getattr(left, "geoms", [])) or "no"
+        raise InputError(
+            f"preform.outline.slits and darts leave {pieces} pieces of cloth, there must be one"
+        )
+    before = [shapely.Polygon(hole) for hole in whole.interiors]
+    kept = [[k for k, b in enumerate(before) if b.equals(shapely.Polygon(hole))]
+            for hole in left.interiors]  # fmt: skip
+    order = sorted(range(len(kept)), key=lambda i: (not kept[i], kept[i], i))
+    return shapely.Polygon(left.exterior, [left.interiors[i] for i in order])
 
 
 class LatticeTable(Table):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,8 @@ class FormedReference:
         What it has come to.
     size : float, optional
         Of the membrane's triangles, m; by default half the network's pitch.
+    accepted : callable, optional
+        Called with each step of the membrane and its state.
 
     Attributes
     ----------
@@ -45,14 +47,22 @@ class FormedReference:
         See `compare`, for each state that both have.
     """
 
-    def __init__(self, forming: Forming, formed: Formed, size: float | None = None):
+    def __init__(
+        self,
+        forming: Forming,
+        formed: Formed,
+        size: float | None = None,
+        accepted: Callable[[FormingStep, State], None] | None = None,
+    ):
         from .sheet import MembraneBlank
 
         size = size or formed_size(forming.network.preform, forming.network.fabric)
         self.forming, self.failed = forming, ""
         self.blank = forming.lay(partial(MembraneBlank, size=size))
         try:
-            self.membrane = form(self.blank, forming.plans, options=forming.options)
+            self.membrane = form(
+                self.blank, forming.plans, options=forming.options, accepted=accepted
+            )
         except EquilibriumError as error:
             self.membrane = error.result
             done = self.membrane.steps[-1].increment.control if self.membrane.steps else 0.0
@@ -116,9 +126,7 @@ class FormedReference:
         if self.failed:
             figures["failed"] = self.failed
         if self.rows:
-            last = dict(self.rows[-1])
-            del last["network"]  # it stands beside in the summary
-            figures |= last.pop("membrane") | last
+            figures |= self.rows[-1]
         return figures
 
     def table(self) -> dict[str, list]:

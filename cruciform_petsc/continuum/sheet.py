@@ -212,10 +212,10 @@ class MembraneBlank(Blank):
         self.size = size
         super().__init__(network, tools, **options)
 
-    def _lay(self, bending, edges):
+    def _lay(self, bending):
         sheet = Sheet(self.network, self.size)
-        if edges is not None:
-            edges(sheet)
+        for edge in sorted(self.symmetry):
+            sheet.symmetry(edge)
         return sheet
 
     @property

@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 
 from ..cloth.fabric import Fabric
+from ..elements.level import FORCE
 from ..equilibrium.cloth import holder
 from ..equilibrium.model import Model
 from ..equilibrium.state import Hold, State
+from ..items.clamps import Clamp
 from ..items.contact import Contact
 from ..items.item import Item
 from ..items.loads import DeadLoads, gravity, imperfection
@@ -22,6 +24,7 @@ from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
 from ..net.network import Network
+from ..parallel import most
 from ..tools.tool import Tool
 
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
@@ -78,8 +81,8 @@ class Blank:
         Height [m] and seed of an imperfection.
     bending : bool
         Whether yarns bend in the plane, too.
-    edges : callable, optional
-        Prepares the Constraints: planes of symmetry, clamps.
+    symmetry : sequence of str
+        Edges that lie in planes of symmetry.
     further : sequence of callables
         Ply -> Item: what else acts on the cloth.
     factors : mapping, optional
@@ -93,6 +96,9 @@ class Blank:
         Their local nodes.
     contacts : list of Contact
         By tool.
+    loads : list of Item
+        What acts on the cloth besides tools, clamps too.
+    clamps : list of Clamp
     model : Model
     """
 
@@ -105,7 +111,7 @@ class Blank:
         settings: ContactSettings | None = None,
         waves: tuple[float, int] | None = None,
         bending: bool = True,
-        edges: Callable[[Constraints], object] | None = None,
+        symmetry: Sequence[str] = (),
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
     ):
@@ -113,8 +119,9 @@ class Blank:
         self.network, self.tools, self.comm = network, list(tools), network.comm
         self.thickness = fabric.needed("thickness", "contact with a tool")
         self.settings = settings = settings or ContactSettings.of(fabric)
+        self.symmetry = frozenset(symmetry)
         self.factors = factors or {}
-        self.ply = ply = self._lay(bending, edges)
+        self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
@@ -149,16 +156,18 @@ class Blank:
                 force = np.zeros_like(rest)
                 force[node, axis] = 1.0
                 pushes.append(DeadLoads(force, rest, owned, push_name(tool.name, axis)))
-        parts: list[Item] = [OfPart(item, self.cloth_at) for item in ply.items]
-        items = [*parts, *self.contacts, viscous, *pushes]
+        parts = [OfPart(item, self.cloth_at) for item in ply.items]
+        self.loads = [part for part in parts if part.is_load and part.item is not ply.loads]
+        self.clamps = [part.item for part in parts if isinstance(part.item, Clamp)]
+        items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
 
-    def _lay(self, bending: bool, edges: Callable[[Constraints], object] | None) -> Ply:
+    def _lay(self, bending: bool) -> Ply:
         """The cloth."""
         constraints = Constraints(self.network, bending, floats=True)
-        if edges is not None:
-            edges(constraints)
+        for edge in sorted(self.symmetry):
+            constraints.symmetry(edge)
         return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
 
     @property
@@ -197,12 +206,35 @@ class Blank:
         everywhere = self.comm.allreduce(ours)
         return dict(zip((contact.name for contact in self.contacts), everywhere, strict=True))
 
+    def pulls(self, state: State) -> dict[str, np.ndarray]:
+        """Forces on the cloth of each load, by its name, N: (n_local, 3), not complete on nodes.
+
+        What the elements of this rank add; the sum over all ranks is all.
+        """
+        found = {}
+        for item in self.loads:
+            found[item.name] = pull = np.zeros_like(state.x)
+            for rows in item.chunks():
+                force = item.work(state, FORCE, rows)[1]
+                np.subtract.at(pull, item.nodes[rows], force)
+        return found
+
     def spent(self, state: State) -> dict[str, float]:
         """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))
         return {"friction": float(total[0]), "viscous": float(total[1])}
+
+    def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
+        """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.
+
+        Collective.
+        """
+        memory = {item.edge: state.memory[item.name] for item in self.clamps}
+        far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
+        spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
+        return far, spent
 
 
 def push_name(tool: str, axis: int) -> str:

@@ -47,6 +47,10 @@ class FormingStep:
         What friction and viscosity have dissipated up to here, J.
     work : float
         What has been done on tools up to here, by trapezia over the steps, J.
+    load_work : dict of float
+        What gravity, pressures, clamps have done on the cloth up to here, likewise.
+    clamp_force : dict of float (3,)
+        On the cloth by the clamp of each edge, N.
     """
 
     stage: str
@@ -56,6 +60,8 @@ class FormingStep:
     tool_moment: Mapping[str, Vector]
     spent: Mapping[str, float]
     work: float
+    load_work: Mapping[str, float]
+    clamp_force: Mapping[str, Vector]
 
     @property
     def of_tools(self) -> tuple[Mapping[str, Vector], ...]:
@@ -115,6 +121,8 @@ def form(
     names = [tool.name for tool in blank.tools]
     place = start.x[blank.tool_node]  # of the tools after the last step, and what drove them
     driving = np.zeros_like(place)
+    last, pulls = start, blank.pulls(start)
+    load_work = dict.fromkeys(pulls, 0.0)
     presses = [Press(blank, plans[0], Posture.at_the_start(blank), 0.0)]
     earlier: list[FormingStep] = list(keeper.steps) if keeper is not None else []
 
@@ -141,7 +149,7 @@ def form(
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:
-        nonlocal work, place, driving
+        nonlocal work, place, driving, last, pulls, load_work
         state = path.state  # with anchors where they are now
         before, force, place = place, driving, state.x[blank.tool_node]
         # What drives a tool holds it against the cloth, or is the force that pushes it.
@@ -149,6 +157,13 @@ def form(
         press = press_at(int(path.begin))
         driving = np.where(press.free, press.push(state.time), held)
         work += 0.5 * float(((force + driving) * (place - before)).sum())
+        moved, pulled, last, pulls = state.x - last.x, pulls, state, blank.pulls(state)
+        each = [0.5 * ((pulled[name] + pulls[name]) * moved).sum() for name in pulls]
+        each = blank.comm.allreduce(np.array(each))
+        load_work = {name: load_work[name] + float(e) for name, e in zip(pulls, each, strict=True)}
+        by_clamp = {
+            item.edge: blank.comm.allreduce(pulls[item.name].sum(axis=0)) for item in blank.clamps
+        }
         done = FormingStep(
             press.plan.name,
             step.increment,
@@ -157,6 +172,8 @@ def form(
             blank.tool_moments(step.state),
             blank.spent(state),
             work,
+            load_work,
+            by_clamp,
         )
         formed.add(done, state)
         if keeper is not None:
@@ -180,9 +197,10 @@ def form(
                     step = replace(step, tool_place=places, spent=blank.spent(state))
                     formed.add(step, state)
                     driving, work = _rows(step.tool_force, names), step.work
+                    last, load_work = state, dict(step.load_work)
                     if accepted is not None:
                         accepted(step, state)
-                earlier = []
+                earlier, pulls = [], blank.pulls(last)
         for number in range(int(path.begin), len(plans)):
             follow(equilibrium, press_at(number).stage(measure), path, take)
             path = Path([path.state], begin=float(number + 1))

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,11 @@ from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
 from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
+from ..fields import Table
+from ..items.clamps import preload_name
+from ..items.item import Item
+from ..items.loads import PressureAbove, Suction
+from ..items.ply import Ply
 from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
@@ -22,10 +27,28 @@ from ..units import format_si
 from .blank import Blank, ContactSettings
 from .failures import explain
 from .forming import Formed, FormingStep, form
-from .table import FormingTable, StageTable, below_cloth, check_stages
+from .table import (
+    PRESSURES,
+    ClampTable,
+    FormingTable,
+    StageTable,
+    below_cloth,
+    check_pressure,
+    check_stages,
+)
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
+AnyTable = TypeVar("AnyTable", bound=Table)
+ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
+
+
+def _tables(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
+    """Tables, of which scripts may give plain data with numbers in SI."""
+    return [
+        table if isinstance(table, kind) else kind.from_data(table, f"{key}[{i}]", bare=True)
+        for i, table in enumerate(given)
+    ]
 
 
 class Forming:
@@ -35,8 +58,9 @@ class Forming:
     ----------
     network : Network
         The blank; where its preform is drawn it lies, so `Preform.centred` is for the caller.
-    tools, stages : sequence of ToolTable, StageTable
-        Or mappings, as ``[[tool]]`` and ``[[stage]]`` of a case file; numbers without units in SI.
+    tools, stages, clamps : sequence of ToolTable, StageTable, ClampTable
+        Or mappings, as ``[[tool]]``, ``[[stage]]`` and ``[[clamp]]`` of a case file; numbers
+        without units in SI.
     folder : Path
         From which the tools' files are looked for.
     options : mapping, optional
@@ -68,6 +92,7 @@ class Forming:
         network: Network,
         tools: Sequence[ToolTable | Mapping[str, Any]],
         stages: Sequence[StageTable | Mapping[str, Any]],
+        clamps: Sequence[ClampTable | Mapping[str, Any]] = (),
         *,
         folder: Path = Path(),
         options: Mapping[str, object] | None = None,
@@ -76,28 +101,24 @@ class Forming:
         self.network, self.options, fabric = network, options or {}, network.fabric
         test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
-        tables = [
-            tool
-            if isinstance(tool, ToolTable)
-            else ToolTable.from_data(tool, f"tool[{i}]", bare=True)
-            for i, tool in enumerate(tools)
-        ]
-        self.stages = [
-            s if isinstance(s, StageTable) else StageTable.from_data(s, f"stage[{i}]", bare=True)
-            for i, s in enumerate(stages)
-        ]
+        tables = _tables(ToolTable, "tool", tools)
+        self.stages = _tables(StageTable, "stage", stages)
+        self.clamps = _tables(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
-        check_stages(tables, self.stages, test.gravity)
+        check_stages(test, tables, self.stages, self.clamps)
+        check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
         self.tools = [self._make(table, folder) for table in tables]
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
+        grown = dict.fromkeys(self._preloads(), 1.0)
+        self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
         self.remarks = remarks(network.preform, fabric, test)
         self.remarks += [r for tool in self.tools for r in tool.remarks(self.thickness)]
-        self.remarks += self._clearances()
+        self.remarks += self._clearances() + self._one_sided()
         if height == 0.0:
             self.remarks.append("without test.imperfection wrinkles start from rounding, if at all")
         told = {
@@ -119,8 +140,26 @@ class Forming:
             weight=self.test.gravity,
             settings=self.settings,
             bending=self.test.bending,
+            symmetry=self.test.symmetry,
+            further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
+            factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
             **further,
         )
+
+    # -- clamps and pressures -------------------------------------------------------------------
+
+    def _preloads(self) -> list[str]:
+        """Names of the factors that grow over the first stage."""
+        return [preload_name(clamp.edge) for clamp in self.clamps if clamp.preload is not None]
+
+    def _pressures(self) -> list[Callable[[Ply], Item]]:
+        """What makes the pressures that stages name; their factors are in Pa, downwards."""
+        make: dict[str, Callable[[Ply], Item]] = {
+            "pressure": lambda ply: PressureAbove(ply, -1.0, 0.5 * self.thickness),
+            "suction": lambda ply: Suction(ply, -1.0),
+        }
+        named = [key for key in make if any(getattr(s, key) is not None for s in self.stages)]
+        return [make[key] for key in named]
 
     # -- tools --------------------------------------------------------------------------------
 
@@ -186,6 +225,21 @@ class Forming:
                             f'"{low.name}", less than the cloth\'s thickness of '
                             f"{format_si(self.thickness, 'm')}"
                         )
+        return remarks
+
+    def _one_sided(self) -> list[str]:
+        """Remarks on tools that are not the same on both sides of a plane of symmetry."""
+        remarks = []
+        for axis in self.test.axes:
+            for tool in self.tools:
+                image = tool.start.to_lab(tool.surface.facets()[0])
+                image[:, axis] *= -1.0
+                off = float(abs(tool.look(image, tool.start)[0]).max())
+                if off > ONE_SIDED * self.thickness:
+                    remarks.append(
+                        f'tool "{tool.name}" is not the same on both sides of the plane of '
+                        f"symmetry {'xy'[axis]} = 0: by {format_si(float(f'{off:.3g}'), 'm')}"
+                    )
         return remarks
 
     # -- what runs call ---------------------------------------------------------------------------

@@ -31,7 +31,8 @@ class DrawIn:
     Attributes
     ----------
     edges : list of str
-        Straight sides by their names, other pieces of the outline by number.
+        Straight sides by their names, other pieces of the outline by number; none in planes of
+        symmetry.
     """
 
     def __init__(self, blank: Blank):
@@ -39,6 +40,7 @@ class DrawIn:
         edges = network.preform.edges
         sides = {name: edges[name] for name in SIDES if name in edges}
         known = {segment.tobytes() for segments in sides.values() for segment in segments}
+        sides = {name: sides[name] for name in sides if name not in blank.symmetry}
         pieces = {
             name: segments
             for name, segments in edges.items()

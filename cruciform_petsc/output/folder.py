@@ -34,7 +34,8 @@ OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
     "crossovers.csv", "preform.inp", "forces.csv", "fields.csv", "tools.vtkhdf",
-    "outline.csv", "outline.svg", "formed.png", "tool_forces.png", "draw_in.png",
+    "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
+    "formed.png", "tool_forces.png", "draw_in.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
     "shear_against_load.png", "shear_force.png",
@@ -47,7 +48,8 @@ OF_CALIBRATION = (
 )  # fmt: skip
 OF_COMPARISON = ("comparison.json", "comparison.png")
 OF_SWEEP = ("sweep.csv", "sweep.png")
-KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, CHECKPOINT, PUT_ASIDE)
+LOG = "run.log"  # of each command that solves; the next one of its kind begins it anew
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, LOG, CHECKPOINT, PUT_ASIDE)
 
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.

@@ -22,21 +22,19 @@ from ..forming.kind import Forming
 from ..forming.measures import (
     DrawIn,
     contact_fields,
-    outline,
     penetration,
     shear_figures,
     yarn_directions,
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
-from ..parallel import on_root
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
 from .sample import MAP_LIMIT, node_means
-from .tables import in_order, lines, write_csv, write_pieces, written_whole
+from .tables import in_order, lines, write_csv, write_pieces
 
 if TYPE_CHECKING:
     from ..case.schema import Case
@@ -79,26 +77,31 @@ class Record:
             write_csv(self.forming.network.comm, self.path, self.table())
 
     def _tell(self, step: FormingStep) -> None:
+        if len(self.steps) > self.earlier:
+            self.tell(step)
+            return
+        share = step.increment.control - stage_number(step.increment.control)
+        text = '           going on from %.4g %% of stage "%s", %d steps'
+        self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+
+    def tell(self, step: FormingStep) -> None:
+        """A line on a step, of the network or of a membrane beside it."""
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
-        if len(self.steps) == self.earlier:
-            text = '           going on from %.4g %% of stage "%s", %d steps'
-            self.log.info(text, 100.0 * share, step.stage, len(self.steps))
-            return
         moving = [
-            f"{name} {abs(step.tool_force[name][2]):.4g} N"
+            f"{name} {abs(step.tool_force[name][2]):.4g} N, "
             for name in step.tool_force
             if name not in self.forming.below or len(step.tool_force) == 1
         ]
         mended = f", {last.shifted} of them mended" if last.shifted else ""
         self.log.info(
-            "%8.2f s    %-*s %5.1f %%, %s, shear %4.1f deg, %2d Newton iterations%s",
+            "%8.2f s    %-*s %5.1f %%, %sshear %4.1f deg, %2d Newton iterations%s",
             last.seconds,
             max(map(len, stages)),
             step.stage,
             100.0 * share,
-            ", ".join(moving),
+            "".join(moving),
             np.rad2deg(last.shear_max),
             last.iterations,
             mended,
@@ -132,10 +135,18 @@ class Record:
                 ]
         columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
         for mode in ENERGIES:
-            columns[f"energy_{mode}_J"] = [step.increment.energies[mode] for step in steps]
+            columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
         for mode in ("friction", "viscous"):
             columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
         columns["work_of_tools_J"] = [step.work for step in steps]
+        for name in steps[-1].load_work if steps else ():
+            key = f"work_of_{name.replace(' ', '_')}_J"
+            columns[key] = [step.load_work[name] for step in steps]
+        for clamp in self.forming.clamps:
+            for axis, letter in enumerate("xyz"):
+                columns[f"clamp_{clamp.edge}_force_{letter}_N"] = [
+                    step.clamp_force[clamp.edge][axis] for step in steps
+                ]
         for edge in self.draw_in.edges:
             columns[f"draw_in_{edge}_mm"] = [MM * drawn[edge] for drawn in self.drawn]
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
@@ -188,7 +199,7 @@ def summarize(
             f"which is {format_si(forming.thickness, 'm')} thick: a larger "
             "test.contact.stiffness, or a finer net, brings it nearer to them"
         )
-    energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
+    energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
     if share > VISCOUS:
         warnings.append(
@@ -206,15 +217,34 @@ def summarize(
         **_waves(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
+        "work_of_loads_j": dict(last.load_work),
     }
+    if forming.test.symmetry:
+        summary["symmetry"] = {
+            "planes": list(forming.test.symmetry),
+            "forces_and_energies_are_of": "the part that is modelled",
+        }
+    if forming.clamps:
+        slipped, rubbed = blank.slipped(state)
+        summary["clamps"] = {
+            edge: {
+                "force_n": last.clamp_force[edge].tolist(),
+                "slipped_max_mm": MM * slipped[edge],
+                "dissipated_j": rubbed[edge],
+            }
+            for edge in slipped
+        }
     return summary
 
 
 def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Path) -> None:
     """The result in a few lines."""
     log.info("")
-    for name, (x, y, z) in summary["tool_force_n"].items():
+    of_clamps = {f"clamp {e}": c["force_n"] for e, c in summary.get("clamps", {}).items()}
+    for name, (x, y, z) in (summary["tool_force_n"] | of_clamps).items():
         log.info("%-13s force on the cloth %.4g, %.4g, %.4g N", name, x + 0.0, y + 0.0, z + 0.0)
+    if "symmetry" in summary:
+        log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
@@ -235,6 +265,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
         log.info("membrane      forces along z, network / membrane: %s", forces)
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
@@ -303,38 +334,6 @@ def _waves(blank: Blank, state: State) -> Waves:
     return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
-def write_outline(directory: Path, forming: Forming, state: State) -> None:
-    """Write outline.csv and outline.svg: the flat blank's yarn ends, and where they are now.
-
-    Collective. The drawing is in mm, to be cut: the flat blank's outline, and dashed what has
-    become of it in plan.
-    """
-    comm, table = forming.network.comm, outline(forming.blank, state)
-    names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
-    columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
-    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
-    polygon = forming.network.preform.outline
-    rings = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
-
-    def write() -> None:
-        low, size = rings[0].min(axis=0) - 5.0, np.ptp(rings[0], axis=0) + 10.0
-        now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(rings))]
-        lines = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.6g}mm" '
-            f'height="{size[1]:.6g}mm" viewBox="{low[0]:.6g} {-low[1] - size[1]:.6g} '
-            f'{size[0]:.6g} {size[1]:.6g}" fill="none" stroke="black" stroke-width="0.3">'
-        ]
-        for points, style in [(p, "") for p in rings] + [
-            (p, ' stroke-dasharray="2 1"') for p in now
-        ]:
-            text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in points)
-            lines.append(f'<polygon points="{text}"{style}/>')
-        with written_whole(directory / "outline.svg") as temporary:
-            temporary.write_text("\n".join([*lines, "</svg>", ""]))
-
-    on_root(comm, write)
-
-
 def write_series(
     directory: Path, forming: Forming, formed: Formed, notes: Mapping[str, Any]
 ) -> None:
@@ -358,6 +357,8 @@ def write_series(
     paraview.write_by_rank(
         comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
     )
+    if not forming.tools:
+        return
     facets = [tool.surface.facets() for tool in forming.tools]
     tools = (_tools(forming, facets, state) for state in states)
     paraview.write_by_rank(comm, directory / "tools.vtkhdf", tools, notes, times, {"Points"})
@@ -406,6 +407,10 @@ def draw_all(
         ),
         "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
     }
+    if not forming.tools:
+        del drawn["tool_forces.png"]
+    if not record.draw_in.edges:
+        del drawn["draw_in.png"]
     written = []
     for name, draw in drawn.items():
         try:

@@ -366,15 +366,17 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
     continuum = summary.get("continuum", {})
     if "force_ratio" not in continuum:
         return None
-    rows: list[tuple[str, str, str]] = []
-    for name, (_, _, force) in continuum["tool_force_n"].items():
-        ours = summary["tool_force_n"][name][2]
-        rows.append((f"{name}, force along z (N)", _number(ours), _number(force)))
+    both = continuum["network"], continuum["membrane"]
+    rows = [
+        (f"{name}, force along z (N)", *(_number(of["tool_force_n"][name][2]) for of in both))
+        for name in continuum["force_ratio"]
+    ]
     for name, key in (("largest shear angle (°)", "shear_max_deg"), ("of 99 %", "shear_p99_deg")):
-        rows.append((name, _number(summary[key]), _number(continuum[key])))
-    for edge, drawn in continuum["draw_in_mm"].items():
-        ours = summary["draw_in_mm"][edge]
-        rows.append((f"largest draw-in, {edge} (mm)", _number(ours), _number(drawn)))
+        rows.append((name, *(_number(of[key]) for of in both)))
+    rows += [
+        (f"largest draw-in, {edge} (mm)", *(_number(of["draw_in_mm"][edge]) for of in both))
+        for edge in both[0]["draw_in_mm"]
+    ]
     rungs = continuum.get("ladder") or []
     heads = {
         "refine": "refine",
@@ -390,7 +392,7 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
     return {
         "text": f"The same cloth as a hyperelastic membrane in dolfinx among the same tools: "
         f"{continuum['cells']:,} linear triangles along the yarns, {continuum['dofs']:,} unknowns, "
-        f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. In the last state that both have, "
+        f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. After {continuum['time']:.4g} stages "
         f"shear angles differ by {continuum['mean_abs_shear_deg']:.2f}° in the mean, displacements "
         f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}; here "
         f"{_percent(continuum['bending_share'])} of the network's strain energy are bending.",
@@ -432,6 +434,7 @@ def fabric(case: Case) -> dict[str, Any]:
         words.append(fabric.source)
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
+    words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
     table = Table([fabric.name, "warp", "weft"], rows)
     return {"table": table, "text": " ".join(word for word in words if word)}
 

@@ -5,13 +5,19 @@ import json
 import math
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
+from support.jsonschema import problems
 
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.case.template import new_case
+from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.registry import KINDS
 from cruciform_petsc.solvers import options as petsc
 
+DEMOS = Path(__file__).parents[2] / "demos"
 SPECIMEN = """
 title = "the paper's specimen"
 [fabric]
@@ -381,7 +387,8 @@ def test_bad_override(write, override):
         (["test={}"], "test needs exactly one of extension and load, got neither"),
         (
             ["fabric={}"],
-            "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
+            "fabric needs use, from_datasheet, or warp, weft and shear (warp and weft and shear "
+            "missing)",
         ),
         (
             ["fabric.warp=" + FAMILY],
@@ -524,8 +531,7 @@ def test_bad_override(write, override):
         (
             ["fabric.use=e-glas-plain"],
             'fabric.use: there is no fabric "e-glas-plain" in the library '
-            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4", '
-            '"pantographic-sheet-2016", "glass-pp-plain-1.93")',
+            '(did you mean "e-glass-plain-2.4"? known: "' + '", "'.join(fabric_names()) + '")',
         ),
         (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
         (
@@ -589,7 +595,8 @@ def test_bad_override(write, override):
             ["a=1", "b=1", "c=1", "d=1"],
             "; ".join(
                 f'the case file has the unknown key "{key}" '
-                "(known: title, fabric, preform, test, tool, stage, continuum, solver, output)"
+                "(known: title, fabric, preform, test, tool, clamp, stage, continuum, solver, "
+                "output)"
                 for key in "abcd"
             ),
         ),
@@ -723,3 +730,47 @@ def test_the_program_s_own_settings_may_be_set(write):
     data = Case.load(write(SPECIMEN)).model_dump()
     data["solver"]["options"] = own
     assert Case.from_data(data).solver.options == own
+
+
+# -- for editors -----------------------------------------------------------------------------------
+
+
+def test_json_schema_takes_what_a_case_may_be():
+    """All demos, and a new case of every kind."""
+    schema = Case.json_schema()
+    cases = [path.read_text() for path in DEMOS.glob("*.toml")]
+    cases += [new_case(kind) for kind in KINDS]
+    assert len(cases) > 15
+    for text in cases:
+        assert problems(schema, tomllib.loads(text)) == [], text
+    assert "null" not in json.dumps(schema)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ({"preform": {"bias_angel": "3 deg"}}, ".preform: "),
+        ({"test": {"kind": "bias"}}, ".test.kind"),
+        ({"test": {"bending": 1}}, ".test.bending: no boolean"),
+        ({"output": {"directory": ""}}, ".output.directory: not minLength 1"),
+        ({"colour": 1}, ": unknown colour"),
+        ({"fabric": {"use": 3}}, ".fabric.use: no string"),
+        ({"preform": {"refine": 0}}, ".preform"),
+    ],
+)
+def test_json_schema_refuses(override, said):
+    data = tomllib.loads((DEMOS / "bias_extension.toml").read_text())
+    for key, value in override.items():
+        data[key] = data.get(key, {}) | value if isinstance(value, dict) else value
+    assert any(said in problem for problem in problems(Case.json_schema(), data))
+
+
+def test_paths_are_keys_that_set_takes(write):
+    """Each of them is known, so the complaint is about its value or another key, never its name."""
+    assert {"title", "preform.bias_angle", "tool[0].friction", "test.ratio"} <= set(Case.paths())
+    for path in Case.paths():
+        with pytest.raises(InputError) as caught:
+            Case.load(write(SPECIMEN), ["tool = [{}]", "stage = [{}]", f"{path}={{ no_such = 1 }}"])
+        assert f'unknown key "{path.rpartition(".")[2]}"' not in str(caught.value) or (
+            path.startswith("test.")
+        )

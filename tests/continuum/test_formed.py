@@ -94,10 +94,14 @@ def test_from_a_case_file(tmp_path, capfd):
     path.write_text(f"{CASE}{told}[output]\npictures = false\nreport = true\nparaview = false\n")
     assert main(["run", str(path), "--output", str(folder)]) == 0
     log = capfd.readouterr().out
-    assert "membrane in dolfinx formed and compared" in log
+    beside = log[log.index("the membrane beside it:") : log.index("formed and compared")]
+    assert "draw  100.0 %, punch " in beside  # its steps
     summary = json.loads((folder / "summary.json").read_text())
     continuum = summary["continuum"]
-    for tool, (_, _, force) in continuum["tool_force_n"].items():
+    net, it = continuum["network"], continuum["membrane"]
+    for key, value in net.items():
+        assert summary[key] == pytest.approx(value)
+    for tool, (_, _, force) in it["tool_force_n"].items():
         ours = summary["tool_force_n"][tool][2]
         assert continuum["force_ratio"][tool] == pytest.approx(ours / force)
     # Bending takes most of this small cup's energy: what the membrane lacks shows.
@@ -113,7 +117,7 @@ def test_from_a_case_file(tmp_path, capfd):
         rows = list(csv.DictReader(file))
     assert [float(row["stages_done"]) for row in rows] == [1.0, 1.5, 2.0]
     assert float(rows[-1]["punch_force_z_network_N"]) == summary["tool_force_n"]["punch"][2]
-    assert float(rows[-1]["punch_force_z_membrane_N"]) == continuum["tool_force_n"]["punch"][2]
+    assert float(rows[-1]["punch_force_z_membrane_N"]) == it["tool_force_n"]["punch"][2]
     (rung,) = continuum["ladder"]
     assert rung["punch_force_ratio"] == pytest.approx(continuum["force_ratio"]["punch"], rel=1e-6)
     assert rung["relative_l2_shear"] == pytest.approx(continuum["relative_l2_shear"], rel=1e-6)
@@ -140,7 +144,10 @@ def test_a_membrane_that_cannot_be_formed(tmp_path, capfd, monkeypatch):
     summary = json.loads((folder / "summary.json").read_text())
     assert any(sentence in warning for warning in summary["warnings"])
     assert sentence in summary["continuum"]["failed"]
+    # Both as they were then.
     assert summary["continuum"]["time"] == 1.0
+    for which in ("network", "membrane"):
+        assert abs(summary["continuum"][which]["tool_force_n"]["punch"][2]) < 0.01
     assert "ladder" not in summary["continuum"]
     assert summary["tool_force_n"]["punch"][2] < -0.1
     assert "DIVERGED_MAX_IT" in (folder / "report.html").read_text()

@@ -58,7 +58,9 @@ def arrays(path):
 def folders(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     forming, flat = written(folder), folder / "flat.toml"
-    forming.write_text(f"{CASE}[output]\npictures = false\n")
+    part = 'part_outline = { rectangle = ["32 mm", "24 mm"] }'
+    beside = '[continuum]\nladder = [1]\nmesh_size = "8 mm"\n'
+    forming.write_text(f"{CASE}{beside}[output]\npictures = false\n{part}\n")
     flat.write_text(FLAT)
     for case in (forming, flat):
         assert main(["run", str(case), "--output", str(folder / case.stem), "--quiet"]) == 0
@@ -68,7 +70,8 @@ def folders(tmp_path_factory):
 def test_forming(folders):
     cup, page = folders[0], told(FORMING)
     tools, edges = ("die", "punch", "holder"), ("lower", "upper", "left", "right")
-    for name in ("fields.csv", "forces.csv", "outline.csv"):
+    files = ("fields.csv", "forces.csv", "outline.csv", "net_pattern.csv")
+    for name in (*files, "continuum.csv", "ladder.csv"):
         missing = {plain(column, tools, edges) for column in header(cup / name)} - page
         assert not missing, name
     for name in ("series.vtkhdf", "tools.vtkhdf"):

@@ -250,11 +250,11 @@ def test_cut_steps_are_told(tmp_path, monkeypatch):
 
     solve, calls = newton.Equilibrium.solve, []
 
-    def fails_once(self, guess):
+    def fails_once(self, guess, *more):
         calls.append(guess.time)
         if len(calls) == 2:
             raise newton.EquilibriumError("no", "MAX_IT", [])
-        return solve(self, guess)
+        return solve(self, guess, *more)
 
     monkeypatch.setattr(newton.Equilibrium, "solve", fails_once)
     summary = run_case(COMM, made(), tmp_path, LOG)

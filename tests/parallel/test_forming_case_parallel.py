@@ -5,6 +5,7 @@ import csv
 
 import numpy as np
 import pytest
+import shapely
 from mpi4py import MPI
 from support.forming import CASE, formed, written
 
@@ -14,6 +15,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import contact_fields, shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.pattern import mapped_back
 
 COMM = MPI.COMM_WORLD
 STROKE = 6e-3
@@ -59,6 +61,12 @@ def test_fields_are_those_of_one_rank(tmp_path):
     wanted = expected.figures(alone.blank, known)["wrinkles"]
     assert told["largest_height_mm"] == pytest.approx(wanted["largest_height_mm"], abs=1e-3)
     assert told["area_share"] == pytest.approx(wanted["area_share"], abs=0.02)
+    part = shapely.Point(0.0, 0.0).buffer(18e-3)
+    (ours, _), (theirs, _) = (mapped_back(f, s, part) for f, s in ((forming, state), (alone, one)))
+    if COMM.rank == 0:
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * STROKE)
+    else:
+        assert len(ours) == 0
     moments = (s.steps[-1].tool_moment["holder"] for s in (result, formed_alone))
     np.testing.assert_allclose(*moments, rtol=0, atol=1e-5)
 
@@ -85,3 +93,33 @@ def test_a_tool_in_the_cloth_is_refused_on_all(tmp_path):
     with pytest.raises(InputError, match='tool "punch" starts .* deep in the cloth') as caught:
         case.forming(network)
     assert len(set(COMM.allgather(str(caught.value)))) == 1
+
+
+def test_a_quarter_with_clamps_under_suction(tmp_path):
+    """Planes of symmetry, springs that slip, a held edge and suction: as on one rank."""
+    first = '[[stage]]\nname = "close"'
+    clamps = (
+        '[[clamp]]\nedge = "right"\nstiffness = "0.1 N/mm/mm"\npreload = "0.5 N"\n'
+        'friction_limit = "0.9 N"\n[[clamp]]\nedge = "upper"\n'
+    )
+    path = shared(
+        tmp_path,
+        ('["56 mm", "56 mm"]', '["28 mm", "28 mm"]'),
+        ('kind = "forming"', 'kind = "forming"\nsymmetry = ["left", "lower"]'),
+        ('"5 N"', '"1.25 N"'),
+        (first, f'{clamps}[[stage]]\nname = "suck"\nsuction = "2 kPa"\n{first}'),
+    )
+    (forming, result), (alone, expected) = formed(COMM, path), formed(MPI.COMM_SELF, path)
+    for step, one in zip(result.steps, expected.steps, strict=True):
+        for edge, force in one.clamp_force.items():
+            np.testing.assert_allclose(step.clamp_force[edge], force, rtol=0, atol=1e-5)
+        assert dict(step.load_work) == pytest.approx(dict(one.load_work), rel=1e-5, abs=1e-9)
+    far = forming.blank.slipped(result.states[-1])[0]
+    assert far["right"] > 1e-4
+    assert far == pytest.approx(alone.blank.slipped(expected.states[-1])[0], abs=1e-8)
+    state, one = result.states[-1], expected.states[-1]
+    moved = forming.blank.ply.fields(forming.blank.of_cloth(state))["displacement"]
+    known = alone.blank.ply.fields(alone.blank.of_cloth(one))["displacement"]
+    order = np.argsort(alone.network.crossover_number_global)
+    number = forming.network.crossover_number_global
+    np.testing.assert_allclose(moved, known[order][number], rtol=0, atol=1e-6 * STROKE)

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Surfaces from files: how exact their grids are, what is refused, what is kept in the cache."""
 
+import importlib.util
+import itertools
 import os
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,6 +195,53 @@ def test_formats(tmp_path, ball, name, write):
     at = np.array([[0.021, 0.0, 0.0], [0.0, 0.0, -0.019]])
     assert surface.look(at)[0] == pytest.approx([1e-3, -1e-3], abs=2e-5)
     assert len(surface.facets()[1]) == len(ball[1])
+
+
+def balls_script():
+    """scripts/make_tetrahedron.py as a module."""
+    path = Path(__file__).parents[2] / "scripts" / "make_tetrahedron.py"
+    spec = importlib.util.spec_from_file_location("make_tetrahedron", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["tetrahedron", "plate", "rod"])
+def test_long_thin_facets_along_fillets(tmp_path, name):
+    """As modellers write them: 80 mm by 1.6 mm, with others across at their ends.
+
+    Exact is the hull of balls at the corners: planes between three, cylinders between two.
+    """
+    script = balls_script()
+    radius, centres = script.RADIUS, script.corners()
+    script.write(tmp_path / "a.stl")
+    if name != "tetrahedron":
+        centres = {"plate": centres[:3], "rod": centres[[0, 2]]}[name]
+        write_stl(tmp_path / "a.stl", *script.hull_of_balls(centres, radius))
+    surface = from_file(tmp_path / "a.stl", MM, cell=1.5e-3, cache=False)
+    random = np.random.default_rng(2)
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    # Where a plane or a cylinder touches: any place between the corners that are farthest out.
+    along = centres @ normals.T
+    at = [centres[along.argmax(axis=0)] + radius * normals]
+    for i, j in itertools.combinations(range(len(centres)), 2):
+        edge = centres[j] - centres[i]
+        across = np.cross(normals, edge)
+        across /= np.linalg.norm(across, axis=1)[:, None]
+        out = (centres @ across.T).max(axis=0) <= centres[i] @ across.T + 1e-9
+        place = centres[i] + random.uniform(size=(len(across), 1)) * edge + radius * across
+        at.append(place[out])
+    off = surface.look(MM * np.concatenate(at))[0]
+    assert abs(off).max() < 2e-4  # chords are off by 0.05 mm, and by 0.2 mm over the ball's poles
+    assert np.sqrt((off**2).mean()) < 5e-5
+
+
+def test_demo_tool_is_what_the_script_makes(tmp_path):
+    script = balls_script()
+    script.write(tmp_path / "a.stl")
+    demo = Path(__file__).parents[2] / "demos" / "tools" / "tetrahedron.stl"
+    assert demo.read_bytes() == (tmp_path / "a.stl").read_bytes()
 
 
 def step_box(path):
