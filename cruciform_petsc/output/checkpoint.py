@@ -132,7 +132,7 @@ class _Run(_Table):
         allowed = self.path.allowed
         return (
             len({tuple(increment.energies) for increment in increments}) < 2
-            and self.path.target <= len(stages[stage])
+            and (len(stages) == 1 or stage == stage_number(before))
             and self.path.target == asked - sum(map(len, stages[:stage]))
             and len(self.states) == len(increments)
             and len({tuple(increment.columns) for increment in increments}) < 2
@@ -144,19 +144,21 @@ class _Run(_Table):
 
     def _is_of_kind(self, case: Case) -> bool:
         """Whether there are steps of a forming with its stages and tools, or mere increments."""
-        forming, names = isinstance(case.test, FormingTable), {tool.name for tool in case.tools}
-        return all(
-            (
-                step.stage == _stage_name(case, step.increment.control)
+        if not isinstance(case.test, FormingTable):
+            return not any(isinstance(step, FormingStep) for step in self.increments)
+        names, known = {tool.name for tool in case.tools}, set()
+        for step in self.increments:
+            if not isinstance(step, FormingStep):
+                return False
+            figures = asdict(step)
+            known.add(tuple(tuple(part) for part in figures.values() if isinstance(part, dict)))
+            if not (
+                figures.pop("stage") == _stage_name(case, step.increment.control)
                 and all(vectors.keys() == names for vectors in step.of_tools)
-                and _has_numbers(
-                    [step.work, *(list(v) for vs in step.of_tools for v in vs.values())]
-                )
-            )
-            if isinstance(step, FormingStep)
-            else not forming
-            for step in self.increments
-        )
+                and _has_numbers(figures)
+            ):
+                return False
+        return len(known) < 2  # of loads, clamps and whatever else: the same ones in all steps
 
     def up_to(self, count: int, path: _Path) -> _Run:
         """What there was after so many increments, on the path kept with the last of them."""
@@ -191,9 +193,11 @@ def _stage_name(case: Case, time: float) -> str | None:
 
 def _has_numbers(figures: Any) -> bool:
     """Whether all that there is are numbers that can be summed up and squared."""
-    if isinstance(figures, dict | list):
+    if isinstance(figures, dict | list | np.ndarray):
         parts = figures.values() if isinstance(figures, dict) else figures
         return all(map(_has_numbers, parts))
+    if figures is None:  # of a column that is not a number
+        return True
     return abs(figures) < (2**53 if isinstance(figures, int) else MOST)
 
 
