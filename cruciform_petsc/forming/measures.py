@@ -121,7 +121,7 @@ def penetration(blank: Blank, state: State) -> float:
     depths = [
         -least(blank.comm, contact.fields(state)["distance"], 0.0)
         for contact in blank.contacts
-        if state.factors.get(contact.name, 1.0) > 0.0
+        if state.factors.get(contact.name, 1.0) == 1.0
     ]
     return max(depths, default=0.0)
 
@@ -129,11 +129,12 @@ def penetration(blank: Blank, state: State) -> float:
 def pierced(blank: Blank, state: State) -> tuple[str, float, np.ndarray] | None:
     """Which tool lies deeper in the cloth than any cloth could yield, by what, and where at rest.
 
-    A tool, a depth in m and a place (3,), of the deepest; None if there is none. Collective.
+    A tool, a depth in m and a place (3,), of the deepest; None if there is none. Not of tools on
+    their way out, through which cloth springs back. Collective.
     """
     found = []
     for contact in blank.contacts:
-        if state.factors.get(contact.name, 1.0) > 0.0 and len(contact.nodes):
+        if state.factors.get(contact.name, 1.0) == 1.0 and len(contact.nodes):
             distance = contact.fields(state)["distance"]
             at = int(distance.argmin())
             if distance[at] < -DEEPEST * blank.thickness:
