@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
-from cruciform_petsc.cloth import fabric, preform
+from cruciform_petsc.cloth import datasheet, fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
@@ -78,6 +78,8 @@ _SHAPES_OF_TOOLS = [
 _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("Outside all tables", case.Case),
     ("`[fabric]`", fabric.FabricTable),
+    ("`fabric.from_datasheet`", datasheet.DatasheetTable),
+    ("`fabric.from_datasheet.warp`, `fabric.from_datasheet.weft`", datasheet.YarnSheet),
     ("`fabric.warp`, `fabric.weft`", fabric.YarnTable),
     ("`fabric.warp.tension`, `fabric.weft.tension`", fabric.TensionLawTable),
     ("`fabric.warp.out_of_plane_moment`, `fabric.weft.out_of_plane_moment`", fabric.MomentLawTable),

@@ -30,9 +30,8 @@ from .fabric import Fabric
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
-_SLIT = (
-    2e-5  # of the outline's size: width of a slit, less than a yarn's and more than lattice.SNAP
-)
+_ALONG = 1e-6  # of the outline's size: how far a side may turn from a yarn
+_SLIT = 2e-5  # of the outline's size: width of a slit, less than a yarn's, more than lattice.SNAP
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -230,6 +229,18 @@ class Preform:
                 f'{whose} needs yarns along the edges: preform.bias_angle = "0 deg" or "90 deg", '
                 f'got "{format_si(self.bias_angle, "rad")}"'
             )
+
+    def along_yarns(self, whose: str) -> shapely.Polygon:
+        """Outline by coordinates along warp and weft [m]; InputError unless its sides follow yarns.
+
+        ``whose``: need it is, for the InputError.
+        """
+        outline = shapely.transform(self.outline, lambda x: x @ self.rotation.T)
+        rings = [shapely.get_coordinates(r) for r in (outline.exterior, *outline.interiors)]
+        sides = abs(np.concatenate([np.diff(ring, axis=0) for ring in rings]))
+        if not (sides.min(axis=1) <= _ALONG * self.size.max()).all():
+            raise InputError(f"{whose} needs an outline whose sides run along the yarns")
+        return outline
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:
         """Distance of crossovers along a warp yarn (between wefts) and along a weft yarn [m]."""

@@ -129,10 +129,7 @@ class Blank:
         self.settings = settings = settings or ContactSettings.of(fabric)
         self.symmetry = frozenset(symmetry)
         self.factors = factors or {}
-        constraints = Constraints(network, bending, floats=True)
-        for edge in symmetry:
-            constraints.symmetry(edge)
-        self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
+        self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
@@ -180,6 +177,18 @@ class Blank:
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
 
+    def _lay(self, bending: bool) -> Ply:
+        """The cloth."""
+        constraints = Constraints(self.network, bending, floats=True)
+        for edge in sorted(self.symmetry):
+            constraints.symmetry(edge)
+        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+
+    @property
+    def pitch(self) -> float:
+        """Mean distance of nodes along a yarn, m, by which Newton's steps are limited."""
+        return float(self.network.pitch.mean())
+
     def hold(
         self,
         place: np.ndarray,
@@ -204,6 +213,12 @@ class Blank:
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""
         return cast(State, part_of(state, self.cloth_at))
+
+    def tool_moments(self, state: State) -> dict[str, np.ndarray]:
+        """Moments on the cloth by tools about their origins, (3,), N m. Collective."""
+        ours = np.array([contact.moment(state) for contact in self.contacts]).reshape(-1, 3)
+        everywhere = self.comm.allreduce(ours)
+        return dict(zip((contact.name for contact in self.contacts), everywhere, strict=True))
 
     def pulls(self, state: State) -> dict[str, np.ndarray]:
         """Forces on the cloth of each load, by its name, N: (n_local, 3), not complete on nodes.

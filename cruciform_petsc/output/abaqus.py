@@ -39,8 +39,9 @@ def input_file(
     has_zones = result.experiment.has_zones
     zones = result.zones if has_zones else np.zeros(network.num_crossovers_owned)
     place = network.crossover_position + fields["displacement"]
-    key, *values = lattice_cells(network, place, fields["carrying"], zones)
-    key, rows = in_order(network.comm, key, 2 * total, np.column_stack(values))
+    cells = lattice_cells(network, place, fields["carrying"], zones)
+    values = [cells.corner, cells.warp, cells.weft, cells.area_ratio, cells.zone]
+    key, rows = in_order(network.comm, cells.key, 2 * total, np.column_stack(values))
     corner, warp, weft, area_ratio, zone = np.split(rows, [4, 6, 8, 9], axis=1)
     node = number + 1
     element = (network.comm.exscan(len(key)) or 0) + np.arange(len(key)) + 1

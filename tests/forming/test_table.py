@@ -91,7 +91,11 @@ TEST = 'imperfection = { height = "0 mm" }'
         ("step = 0.5", "step = 2.0", "stage[1].step must be a share of the stage from 0.0001 to 1"),
         ("step = 0.5", "steps = 0.5", '[stage[1]] has the unknown key "steps" (did you mean'),
         ('title = "Cup"', "output = { exports = true }", "output.exports is not for forming"),
-        ('title = "Cup"', "continuum = { ladder = [1] }", "continuum.ladder is not for forming"),
+        (
+            'title = "Cup"',
+            "continuum = { second_gradient = true }",
+            "continuum.second_gradient is not for forming",
+        ),
         (
             f'kind = "forming"\n{TEST}',
             'extension = "1 mm"',

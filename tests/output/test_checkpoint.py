@@ -156,8 +156,8 @@ class Drag(Item):
 
     def work(self, state, level, rows=slice(None), before=None):
         at = self.nodes[rows, 0]
-        place = state.memory.get("drag", {}).get("place", self.of.rest)
-        moved = state.x[at] - place[at]
+        place = state.memory.get("drag", {}).get("place", self.of.rest[self.nodes[:, 0]])
+        moved = state.x[at] - place[rows]
         energy, force, stiffness = room(len(at), 1, 1, moved.shape[1], level)
         energy[:, 0] = 0.5 * self.stiffness * (moved**2).sum(axis=1)
         if level >= FORCE:
@@ -167,9 +167,10 @@ class Drag(Item):
         return energy, force, stiffness
 
     def accepted(self, state):
-        before = state.memory.get("drag", {})
-        count = before.get("count", np.zeros(len(state.x), np.int32)) + np.int32(1)
-        return {"place": state.x, "count": count, "went_up": state.x[:, 1] > self.of.rest[:, 1]}
+        before, at = state.memory.get("drag", {}), self.nodes[:, 0]
+        count = before.get("count", np.zeros(len(at), np.int32)) + np.int32(1)
+        went_up = state.x[at, 1] > self.of.rest[at, 1]
+        return {"place": state.x[at], "count": count, "went_up": went_up}
 
 
 @pytest.fixture
@@ -423,8 +424,8 @@ def test_foreign_checkpoints_are_refused(copy):
     forge(newest, lambda data: None)
     assert parts(newest) == good
     forge(newest, lambda data: data | {"format": 7})
-    assert f"in format 7, and this is {__version__}, which reads format 3" in refused(copy)
-    forge(newest, lambda data: data | {"format": 3, "program": "9.9"})
+    assert f"in format 7, and this is {__version__}, which reads format 4" in refused(copy)
+    forge(newest, lambda data: data | {"format": 4, "program": "9.9"})
     assert "was written by cruciform_petsc 9.9 in" in refused(copy)
     forge(newest, lambda data: data | {"program": __version__})
     text = refused(copy, case_of(BIAS | {"extension": ["1 mm", "3 mm", "5 mm"]}))
