@@ -99,6 +99,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
     ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
+    ("`stage.trim`", forming.TrimTable),
     ("`stage.turn`, by tool", tool.TurnTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),

@@ -255,7 +255,7 @@ class Preform:
             )
 
     def along_yarns(self, whose: str) -> shapely.Polygon:
-        """Outline by coordinates along warp and weft [m]; InputError unless its sides follow yarns.
+        """Outline by coordinates along warp and weft [m]; InputError unless its sides do.
 
         ``whose``: need it is, for the InputError.
         """
@@ -264,6 +264,8 @@ class Preform:
         sides = abs(np.concatenate([np.diff(ring, axis=0) for ring in rings]))
         if not (sides.min(axis=1) <= _ALONG * self.size.max()).all():
             raise InputError(f"{whose} needs an outline whose sides run along the yarns")
+        if sides.max(axis=1).min() < 2.0 * _SLIT * self.size.max():
+            raise InputError(f"{whose} needs an outline without slits")
         return outline
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:

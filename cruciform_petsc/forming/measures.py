@@ -134,7 +134,7 @@ def penetration(blank: Blank, state: State) -> float:
     depths = [
         -least(blank.comm, contact.fields(state)["distance"], 0.0)
         for contact in blank.contacts
-        if state.factors.get(contact.name, 1.0) > 0.0
+        if state.factors.get(contact.name, 1.0) == 1.0
     ]
     return max(depths, default=0.0)
 
@@ -143,7 +143,8 @@ def squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | N
     """What of tools no cloth could bear: words, reason, place (3,) at rest, number of nodes.
 
     A tool lies deeper in it than any would yield ("PIERCED"), or two that no force has moved there
-    leave no room between them ("CLOSED"); the worst of them, or None. Collective.
+    leave no room between them ("CLOSED"); the worst of them, or None. Not of tools on their way
+    out, through which cloth springs back. Collective.
     """
     looks, rest = _looks(blank, state), blank.ply.nodes.rest[blank.touching]
     deepest = (DEEPEST - 0.5) * blank.thickness  # of the middle of the cloth in a tool
@@ -186,7 +187,7 @@ def _looks(blank: Blank, state: State) -> dict[str, tuple[np.ndarray, np.ndarray
     """Distance from the middle of the cloth and normal in the lab, of each tool that is there."""
     looks = {}
     for contact in blank.contacts:
-        if state.factors.get(contact.name, 1.0) > 0.0:
+        if state.factors.get(contact.name, 1.0) == 1.0:  # one on its way out bears nothing for long
             distance, normal, _ = contact.surface.look(contact.local(state))
             looks[contact.name] = distance, normal @ contact.turn(state).T
     return looks

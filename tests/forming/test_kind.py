@@ -196,6 +196,8 @@ def test_pictures_and_report(tmp_path):
     for text in ("Forming", "punch, force along z", "[[tool]]", "[[stage]]", "Wrinkles start from"):
         assert text.lower() in page.lower()
     assert page.count("<img") == len(drawn)
+    assert ("wrinkles.png" in drawn) == ("formed.png" in drawn)
+    assert "largest height of wrinkles" in page
 
 
 def test_series_of_cloth_and_tools(tmp_path):
