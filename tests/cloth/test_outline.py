@@ -16,6 +16,7 @@ from cruciform_petsc import Case, InputError, Preform
 from cruciform_petsc.case.schema import OutputTable
 from cruciform_petsc.cloth.drawing import outline_of, read_drawing
 from cruciform_petsc.cloth.preform import OutlineTable, PreformTable
+from cruciform_petsc.output.checkpoint import determines
 
 PI = np.pi
 
@@ -208,6 +209,38 @@ def test_packages_that_are_missing(name, tmp_path, monkeypatch):
         InputError, match=rf"{name}\" needs {package} .pip install {package}., which"
     ):
         read_drawing(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["bias-extension", "forming"])
+def test_a_changed_drawing_is_another_case(tmp_path, monkeypatch, kind):
+    """Read where the case is read, from its folder; what a checkpoint compares is what it shows."""
+    sides = [shapely.box(0.0, 0.0, 0.04, long) for long in (0.08, 0.08, 0.09)]
+    read = []
+
+    def drawn(path, unit):
+        read.append((path, unit))
+        side = sides[len(read) - 1]
+        return side, {"top": np.array([[[0.04, side.bounds[3]], [0.0, side.bounds[3]]]])}
+
+    monkeypatch.setattr("cruciform_petsc.cloth.preform.read_drawing", drawn)
+    text = (
+        '[fabric]\nuse = "glass-pp-plain-1.93"\n[preform]\nbias_angle = "45 deg"\n'
+        'outline = { file = "blank.dxf", unit = "cm" }\nedges = { grip = { of = ["lower"] } }\n'
+    )
+    if kind == "forming":
+        tool = '[[tool]]\nname = "die"\nshape = { sphere = { radius = "9 mm" } }\n'
+        text += f'[test]\nkind = "forming"\ngravity = true\n{tool}[[stage]]\nname = "rest"\n'
+    else:
+        text += '[test]\nextension = "1 mm"\n'
+    (tmp_path / "case.toml").write_text(text)
+    cases = [Case.load(tmp_path / "case.toml") for _ in range(2)]
+    assert read[0] == (str(tmp_path / "blank.dxf"), pytest.approx(0.01))
+    assert len(read) == 2
+    known = determines(cases[0])
+    assert determines(cases[1]) == known
+    assert len(read) == 2
+    assert {"top", "grip"} <= cases[0].preform().edges.keys()
+    assert determines(Case.load(tmp_path / "case.toml")) != known
 
 
 # -- DXF -------------------------------------------------------------------------------------------
