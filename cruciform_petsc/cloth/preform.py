@@ -432,7 +432,7 @@ class OutlineTable(Table):
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
     file: Name | None = None
-    """A drawing, DXF (ezdxf) or SVG (svgpathtools), relative to the case file's folder: the line
+    """A drawing, DXF (ezdxf) or SVG (svgelements), relative to the case file's folder: the line
     around all others, those within it are holes. Layers of a DXF (not "0"), labels and ids of an
     SVG name edges. Example: `"blank.dxf"`"""
     unit: Annotated[Quantity, Of("m", column=True)] | None = None

@@ -203,7 +203,7 @@ def test_packages_that_are_missing(name, tmp_path, monkeypatch):
     """One sentence says which."""
     import sys
 
-    package = {"blank.dxf": "ezdxf", "blank.svg": "svgpathtools"}[name]
+    package = {"blank.dxf": "ezdxf", "blank.svg": "svgelements"}[name]
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(
         InputError, match=rf"{name}\" needs {package} .pip install {package}., which"
@@ -249,7 +249,8 @@ def test_a_changed_drawing_is_another_case(tmp_path, monkeypatch, kind):
 @pytest.fixture
 def dxf(tmp_path):
     """A blank 200 x 100 with a rounded end, a hole in a block, a text; layer "grip" at its left."""
-    ezdxf = pytest.importorskip("ezdxf")
+    import ezdxf
+
     drawing = ezdxf.new(units=4)
     space = drawing.modelspace()
     space.add_line((200, 0), (0, 0))
@@ -303,7 +304,6 @@ def test_a_case_with_a_drawing(dxf, tmp_path):
     ],
 )
 def test_damaged_dxf(tmp_path, text, message):
-    pytest.importorskip("ezdxf")
     path = tmp_path / "x.dxf"
     path.write_bytes(text)
     with pytest.raises(InputError, match=message):
@@ -312,7 +312,8 @@ def test_damaged_dxf(tmp_path, text, message):
 
 def test_dxf_without_unit(dxf):
     """It is asked for."""
-    ezdxf = pytest.importorskip("ezdxf")
+    import ezdxf
+
     drawing = ezdxf.readfile(dxf)
     drawing.units = 0
     drawing.saveas(dxf)
@@ -347,7 +348,6 @@ SVG = """<svg xmlns="http://www.w3.org/2000/svg" {head}
 )
 def test_svg(tmp_path, head, unit, scale):
     """Transforms, arcs, shapes; labels before ids; y upwards."""
-    pytest.importorskip("svgpathtools")
     path = tmp_path / "blank.svg"
     path.write_text(SVG.format(head=head))
     outline, edges = read_drawing(path, unit)
@@ -364,7 +364,7 @@ def test_svg(tmp_path, head, unit, scale):
     [
         ("", "is no SVG file, or is damaged"),
         (SVG.format(head='width="200"'), "does not tell its unit"),
-        (SVG.format(head='width="2mm" viewBox="0 0 x 1"'), "has a viewBox that cannot be read"),
+        (SVG.format(head='width="2mm" viewBox="0 0 x 1"'), "damaged: could not convert .*x"),
         (
             SVG.replace("L 100 0", "L oops").format(head=""),
             "SVG file, or is damaged|loose end|unit",
@@ -372,7 +372,6 @@ def test_svg(tmp_path, head, unit, scale):
     ],
 )
 def test_damaged_svg(tmp_path, text, message):
-    pytest.importorskip("svgpathtools")
     path = tmp_path / "x.svg"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
@@ -380,8 +379,7 @@ def test_damaged_svg(tmp_path, text, message):
 
 
 def test_files_that_are_not_there(tmp_path):
-    for suffix, package in (("dxf", "ezdxf"), ("svg", "svgpathtools")):
-        pytest.importorskip(package)
+    for suffix, package in (("dxf", "ezdxf"), ("svg", "svgelements")):
         with pytest.raises(InputError, match=r"cannot be read: No such file or directory"):
             OutlineTable.from_data({"file": str(tmp_path / f"none.{suffix}")}, "preform.outline")
 
