@@ -48,6 +48,11 @@ TEST = 'imperfection = { height = "0 mm" }'
             'ring = { iner_radius = "20 mm"',
             '[tool[2].shape.ring] has the unknown key "iner_radius" (did you mean "inner_radius"?)',
         ),
+        (
+            'ring = { inner_radius = "20 mm"',
+            'ring = { from = "20 deg", inner_radius = "20 mm"',
+            "tool[2].shape.ring needs both from and to, or none of them",
+        ),
         (CLOSE, 'force = { holdr = "5 N" }', "there is no tool 'holdr' (did you mean \"holder\"?"),
         (CLOSE, 'force = { holder = "5 mm" }', "line 30: stage[0].force.holder = \"5 mm\" has the"),
         (CLOSE, 'force = { holder = "-5 N" }', "stage[0].force.holder must be positive, towards"),
