@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from itertools import combinations, product
 
@@ -31,24 +32,31 @@ class DrawIn:
     Attributes
     ----------
     edges : list of str
-        Straight sides by their names, other pieces of the outline by number; none in planes of
-        symmetry.
+        Straight sides and a user's edges by their names, other pieces of the outline by number;
+        none in planes of symmetry.
     """
 
     def __init__(self, blank: Blank):
         self.blank, network = blank, blank.network
         edges = network.preform.edges
         sides = {name: edges[name] for name in SIDES if name in edges}
-        known = {segment.tobytes() for segments in sides.values() for segment in segments}
+        named = sides | {
+            name: segments
+            for name, segments in edges.items()
+            if name not in SIDES and not re.fullmatch(r"(outline|hole)-\d+", name)
+        }
+        known = {segment.tobytes() for segments in named.values() for segment in segments}
         sides = {name: sides[name] for name in sides if name not in blank.symmetry}
+        named = {name: named[name] for name in named if name not in blank.symmetry}
         pieces = {
             name: segments
             for name, segments in edges.items()
             if name.startswith("outline-") and segments.tobytes() not in known
         }
-        told = sides | pieces
+        told = named | pieces
         if len(told) > MOST_EDGES:
-            told = {"outline": np.concatenate(list(told.values()))}
+            own = {name: segments for name, segments in named.items() if name not in sides}
+            told = own | {"outline": np.concatenate([*sides.values(), *pieces.values()])}
         ends = np.flatnonzero(network.node_is_boundary[: network.num_nodes_owned])
         points = shapely.points(network.node_position[ends])
         self._nodes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
