@@ -114,8 +114,9 @@ def test_folds_that_run_down_a_sphere():
     def folded(rest):
         rho, phi = np.hypot(rest[:, 0], rest[:, 1]), np.arctan2(rest[:, 1], rest[:, 0])
         lift = 0.8e-3 * (1.0 + np.sin(10.0 * phi)) * np.clip((rho - 20e-3) / 15e-3, 0.0, 1.0)
-        place = on_sphere(rest) + [0.0, 0.0, RADIUS]
-        return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] - [0.0, 0.0, RADIUS]
+        centre = np.array([0.0, 0.0, -RADIUS])
+        place = on_sphere(rest) - centre
+        return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] + centre
 
     waves, figures, blank = measured(folded, [BALL], size=(104, 104))
     assert figures["wrinkles"]["largest_height_mm"] == pytest.approx(0.8, rel=0.1)
