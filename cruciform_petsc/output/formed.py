@@ -262,7 +262,8 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     log.info("energy        %s", ", ".join(texts))
     continuum = summary.get("continuum", {})
     if "force_ratio" in continuum:
-        forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
+        ratios = {n: ratio for n, ratio in continuum["force_ratio"].items() if np.isfinite(ratio)}
+        forces = ", ".join(f"{name} {ratio:.4f}" for name, ratio in ratios.items())
         log.info("membrane      forces along z, network / membrane: %s", forces)
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
         text += ", after {time:.4g} stages"
