@@ -36,7 +36,7 @@ from .measures import yarn_directions
 
 LONGEST = 0.04  # m: wavelength L up to which waves are measured whole,
 LARGE = 0.5  # of the blank's smaller side at most,
-COARSE = 6.0  # pitches at least
+COARSE = 4.0  # pitches at least
 SPREAD = 0.39  # s/L: leaves 5 % of a wave as long as L in the mean
 AROUND = 0.75  # of L: how far a crest looks for a trough, along the yarns
 ALONG = 0.5  # n . m of a tool that lies along the cloth,
