@@ -34,7 +34,7 @@ from .net.network import Network
 from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
-from .output.exports import export
+from .output.exports import export, export_formed
 from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
@@ -432,6 +432,8 @@ class _FormingRun(_Run):
                 ):
                     self.summary["warnings"].append(sentence)
                     log.warning("warning       %s", sentence)
+                if case.output.exports:
+                    export_formed(self.directory, forming, result.states[-1])
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
