@@ -13,8 +13,10 @@ import pytest
 import shapely
 
 from cruciform_petsc import Case, InputError, Preform
+from cruciform_petsc.case.schema import OutputTable
 from cruciform_petsc.cloth.drawing import outline_of, read_drawing
 from cruciform_petsc.cloth.preform import OutlineTable, PreformTable
+from cruciform_petsc.output.checkpoint import determines
 
 PI = np.pi
 
@@ -72,13 +74,30 @@ def test_corners_are_where_they_are_said_to_be():
 def test_edges_keep_their_names_where_a_blank_is_centred():
     """Also such as begin like those that are given automatically."""
     edges = {"left-grip": {"start": ["-50 mm", "60 mm"], "end": ["-50 mm", "0 mm"]},
-             "outline": {"of": ["outline-1", "outline-2"]}}  # fmt: skip
+             "outline": {"of": ["outline-1", "outline-2"]}, "right": {"of": ["upper"]}}  # fmt: skip
     preform = table({"rectangle": ["100 mm", "60 mm"]}, edges=edges).build()
     centred = preform.centred()
-    for name in ("left-grip", "outline", "left", "upper"):
+    assert preform.edge("right").tolist() == preform.edge("upper").tolist()
+    for name in ("left-grip", "outline", "left", "upper", "right"):
         moved = preform.edge(name) - (0.0, 0.03)
         np.testing.assert_allclose(centred.edge(name), moved, atol=1e-15)
     assert length(table({"circle": "1 cm"}).build().centred().edge("rim")) > 0.031
+
+
+def test_what_is_left_of_a_curve_that_is_cut():
+    """A dart takes a piece out of a rim, a slit next to nothing; a dart over an arc, it all."""
+    dart = [["90 mm", "80 mm"], ["160 mm", "100 mm"], ["160 mm", "200 mm"]]
+    slit = [["0 mm", "-10 mm"], ["0 mm", "100 mm"]]
+    whole = PI * 0.3
+    rim = table({"circle": "300 mm", "darts": [dart]}).build().edge("rim")
+    assert 0.7 * whole < length(rim) < 0.97 * whole
+    rim = table({"circle": "300 mm", "slits": [slit]}).build().edge("rim")
+    assert 0.98 * whole < length(rim) < whole
+    corner = [["60 mm", "50 mm"], ["60 mm", "70 mm"], ["20 mm", "70 mm"], ["20 mm", "20 mm"]]
+    outline = {"rectangle": ["100 mm", "60 mm"], "corner_radius": "10 mm", "darts": [corner]}
+    edges = table(outline).build().edges
+    assert "corner-1" not in edges
+    assert "corner-3" in edges
 
 
 def test_edges_between_points():
@@ -190,6 +209,38 @@ def test_packages_that_are_missing(name, tmp_path, monkeypatch):
         InputError, match=rf"{name}\" needs {package} .pip install {package}., which"
     ):
         read_drawing(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["bias-extension", "forming"])
+def test_a_changed_drawing_is_another_case(tmp_path, monkeypatch, kind):
+    """Read where the case is read, from its folder; what a checkpoint compares is what it shows."""
+    sides = [shapely.box(0.0, 0.0, 0.04, long) for long in (0.08, 0.08, 0.09)]
+    read = []
+
+    def drawn(path, unit):
+        read.append((path, unit))
+        side = sides[len(read) - 1]
+        return side, {"top": np.array([[[0.04, side.bounds[3]], [0.0, side.bounds[3]]]])}
+
+    monkeypatch.setattr("cruciform_petsc.cloth.preform.read_drawing", drawn)
+    text = (
+        '[fabric]\nuse = "glass-pp-plain-1.93"\n[preform]\nbias_angle = "45 deg"\n'
+        'outline = { file = "blank.dxf", unit = "cm" }\nedges = { grip = { of = ["lower"] } }\n'
+    )
+    if kind == "forming":
+        tool = '[[tool]]\nname = "die"\nshape = { sphere = { radius = "9 mm" } }\n'
+        text += f'[test]\nkind = "forming"\ngravity = true\n{tool}[[stage]]\nname = "rest"\n'
+    else:
+        text += '[test]\nextension = "1 mm"\n'
+    (tmp_path / "case.toml").write_text(text)
+    cases = [Case.load(tmp_path / "case.toml") for _ in range(2)]
+    assert read[0] == (str(tmp_path / "blank.dxf"), pytest.approx(0.01))
+    assert len(read) == 2
+    known = determines(cases[0])
+    assert determines(cases[1]) == known
+    assert len(read) == 2
+    assert {"top", "grip"} <= cases[0].preform().edges.keys()
+    assert determines(Case.load(tmp_path / "case.toml")) != known
 
 
 # -- DXF -------------------------------------------------------------------------------------------
@@ -347,6 +398,16 @@ def test_the_examples_of_the_docs():
     edges = tomllib.loads(blocks[1])["preform"]["edges"]
     preform = table({"polygon": polygon}, edges=edges).build()
     assert length(preform.edge("grip")) == pytest.approx(0.17)
+
+
+@pytest.mark.parametrize("outline", [{"circle": "40 mm"}, {"slot": ["40 mm", "40 mm"]}])
+def test_parts_lie_around_the_centre(outline):
+    """Of a forming: what the cloth is trimmed to, like a rectangle; polygons lie as they are."""
+    part = OutputTable.from_data({"part_outline": outline}, "output").part
+    assert part.bounds == pytest.approx((-0.02, -0.02, 0.02, 0.02))
+    polygon = [["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]
+    part = OutputTable.from_data({"part_outline": {"polygon": polygon}}, "output").part
+    assert part.bounds == pytest.approx((0.0, 0.0, 0.08, 0.09))
 
 
 def test_shapes_are_simple():
