@@ -255,7 +255,7 @@ class Preform:
             )
 
     def along_yarns(self, whose: str) -> shapely.Polygon:
-        """Outline by coordinates along warp and weft [m]; InputError unless its sides do.
+        """Outline along warp and weft [m]; InputError unless its sides follow yarns, without slits.
 
         ``whose``: need it is, for the InputError.
         """
