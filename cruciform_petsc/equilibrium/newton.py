@@ -93,7 +93,7 @@ class Equilibrium:
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
         self._shifted, self._shift, self._loose = 0, FIRST_SHIFT, 1.0
-        self._most = 0.0  # support so far, N
+        self.most_support = 0.0  # of the states found so far, N; a part of a Path
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -167,8 +167,7 @@ class Equilibrium:
     def _tolerance(self) -> float:
         """What residual is called none, N."""
         support = self._last.support if self._last else 0.0
-        self._most = max(self._most, support)
-        support = max(support, RELEASED * self._most)
+        support = max(support, RELEASED * self.most_support)
         return self.relative_residual * support + ROUNDING * self.model.extent * self._size
 
     @callback
@@ -279,6 +278,7 @@ class Equilibrium:
         if broken is not None:
             place, name, what = broken
             raise EquilibriumError(what, name, self._history, place)
+        self.most_support = max(self.most_support, end.support)
         return Found(
             end.state,
             end.energies,
