@@ -28,7 +28,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__, process
-from .errors import CruciformError, InputError, InputWarning, harmless, typed_before
+from .errors import (
+    CruciformError,
+    InputError,
+    InputWarning,
+    cut,
+    harmless,
+    typed_before,
+    unknown,
+)
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -370,7 +378,7 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _schema(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Print the JSON schema of case files, for editors.
+    """Print the JSON schema of case files, for editors, or of summary.json.
 
     An editor that knows TOML (taplo, Even Better TOML) takes it from the first line of a case file,
     "#:schema case.schema.json", and completes keys and tells what they mean.
@@ -378,9 +386,13 @@ def _schema(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     Example: cruciform-petsc schema > case.schema.json
     """
     from .case.schema import Case
+    from .output.summary_keys import Summary
 
+    known = {"case": Case.json_schema, "summary": Summary.json_schema}
+    if args.what not in known:
+        raise unknown(f'schema of "{cut(args.what)}"', args.what, known)
     if comm.rank == 0:
-        print(json.dumps(Case.json_schema(), indent=1, ensure_ascii=False))
+        print(json.dumps(known[args.what](), indent=1, ensure_ascii=False))
 
 
 _COMPLETION = """\
@@ -661,7 +673,8 @@ def _parser() -> _Parser:
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics, ("[NAME]", "one of them"))
-    command(_schema)
+    command(_schema, ("[WHAT]", "case (the default) or summary"))
+    commands.choices["schema"].set_defaults(what="case")
     command(_completion)
     return parser
 

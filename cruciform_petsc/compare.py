@@ -6,7 +6,6 @@ A run with measured data (``output.measured``) compares its load with them in th
 
 from __future__ import annotations
 
-import csv
 import logging
 import os
 from collections.abc import Iterable, Sequence
@@ -24,10 +23,10 @@ from .experiments.registry import KINDS, kind_class
 from .experiments.result import EFFORT
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked
-from .output.tables import write_json
+from .output.tables import read_csv, write_json
 from .parallel import on_root
 from .quantities import EXTENSION, LOAD, Quantity, declare, displacement, quantity
-from .reading import LARGEST, read_given, read_json
+from .reading import read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -248,20 +247,14 @@ def read_side(path: str | Path, which: str | None = None) -> Side:
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file of ours; an empty field is NaN."""
-    data = read_given(path, "table", "CSV", LARGEST)
-    try:
-        header, *rows = list(csv.reader(data.decode("utf-8-sig").splitlines()))
-        values = np.array([[float(cell or "nan") for cell in row] for row in rows], float)
-        values = values.reshape(len(rows), len(header))
-        if (np.abs(values) > _MOST).any():
-            raise ValueError
-    except (ValueError, csv.Error):
-        raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
-    forces = [name for name in header if quantity(name).unit == "N" and name not in EFFORT]
-    if not rows or not forces:
+    """Columns of a CSV file of ours, all of them numbers that can be squared."""
+    columns = read_csv(path)
+    if any(c.dtype != float or (np.abs(c) > _MOST).any() for c in columns.values()):
+        raise InputError(f'"{path}" is not a table that cruciform-petsc has written')
+    forces = [name for name in columns if quantity(name).unit == "N" and name not in EFFORT]
+    if not forces or not len(columns[forces[0]]):
         raise InputError(f'"{path}" has no forces')
-    return dict(zip(header, values.T, strict=True))
+    return columns
 
 
 def _with_energy(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -36,8 +36,8 @@ class Read:
         raise NotImplementedError
 
     def json_schema(self, handler: Any) -> dict[str, Any]:
-        """What an editor may know of it; `handler` is pydantic's."""
-        raise NotImplementedError
+        """What an editor may know of it, by default nothing; `handler` is pydantic's."""
+        return {}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ run that fails takes no other along. A second sweep into the same folder runs wh
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import json
 import logging
@@ -38,9 +37,9 @@ from .experiments.result import EFFORT
 from .output import pictures
 from .output.checkpoint import hint
 from .output.folder import OF_SWEEP, locked
-from .output.tables import write_csv
+from .output.tables import read_csv, write_csv
 from .quantities import quantity
-from .reading import read_bytes, read_json
+from .reading import read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -197,31 +196,23 @@ def _without_folder(case: Any) -> Any:
     return case | {"output": {k: v for k, v in case["output"].items() if k != "directory"}}
 
 
-def _rows(folder: Path) -> list[dict[str, float]]:
-    """Rows of the table of a finished run: numbers by column; empty if there are none."""
+def _columns(folder: Path) -> dict[str, np.ndarray]:
+    """Numbers of the table of a finished run; nothing if there is none."""
     name = next((n for n in ("curve.csv", "forces.csv") if (folder / n).is_file()), None)
-    if name is None:
-        return []
-    rows = []
-    for row in csv.DictReader(read_bytes(folder / name).decode().splitlines()):
-        numbers = {}
-        for key, text in row.items():
-            with suppress(ValueError, TypeError):
-                numbers[key] = float(text) if text else math.nan
-        rows.append(numbers)
-    return rows
+    columns = {} if name is None else read_csv(folder / name)
+    return {name: column for name, column in columns.items() if column.dtype == float}
 
 
 def last_row(folder: Path) -> dict[str, float]:
     """What the table of a run tells of the last state that was asked for, energies as their sum."""
-    rows = _rows(folder)
-    asked = [row for row in rows if row.get("asked")] or rows
-    if not asked:
+    columns = _columns(folder)
+    rows = np.flatnonzero(columns.get("asked", np.ones(1)))
+    if not columns or not len(next(iter(columns.values()))):
         return {}
-    parts = {key: value for key, value in asked[-1].items() if key.startswith("energy_")}
-    left_out = (*parts, *EFFORT, "share_percent")
-    kept = {key: value for key, value in asked[-1].items() if key not in left_out}
-    return kept | ({"energy_J": sum(parts.values())} if parts else {})
+    last = {name: float(column[rows[-1] if len(rows) else -1]) for name, column in columns.items()}
+    parts = {name for name in last if name.startswith("energy_")}
+    kept = {k: v for k, v in last.items() if k not in (*parts, *EFFORT, "share_percent")}
+    return kept | ({"energy_J": float(np.nansum([last[p] for p in parts]))} if parts else {})
 
 
 def _runs(
@@ -433,11 +424,11 @@ class _Sweep:
         shown = _shown(good[0].figures)
         lines, labels = [], ("", "")
         for run in good:
-            rows = _rows(run.folder)
+            columns = _columns(run.folder)
             x, y = next(iter(run.figures)), shown[0]
-            if (run.folder / "curve.csv").is_file() and len(rows) > 1 and y in rows[0]:
+            if (run.folder / "curve.csv").is_file() and y in columns and len(columns[y]) > 1:
                 labels = quantity(x).axis, quantity(y).axis
-                line = pictures.from_origin([r[x] for r in rows], [r[y] for r in rows])
+                line = pictures.from_origin(columns[x], columns[y])
                 lines.append((first.column(run.chosen[0]), other(run), *line))
         ends = []
         for name in shown[:2]:

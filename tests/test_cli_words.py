@@ -9,11 +9,15 @@ import pytest
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
+from cruciform_petsc.output.summary_keys import Summary
 
 
 def test_schema(capsys):
-    assert main(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out) == Case.json_schema()
+    for words, schema in (([], Case), (["case"], Case), (["summary"], Summary)):
+        assert main(["schema", *words]) == 0
+        assert json.loads(capsys.readouterr().out) == schema.json_schema()
+    assert main(["schema", "sumary"]) == 2
+    assert 'did you mean "summary"?' in capsys.readouterr().err
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")

@@ -14,7 +14,7 @@ import shapely
 
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..quantities import LOAD
+from ..quantities import LOAD, data_frame
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -294,6 +294,10 @@ class TestResult:
         if not states:
             return curve
         return {name: curve[name][self._numbers] for name in curve if name not in EFFORT}
+
+    def frame(self, states: bool = False) -> Any:
+        """The same as a pandas.DataFrame; InputError where pandas is not installed. Collective."""
+        return data_frame(self.curve(states))
 
     def row(self, state: State) -> dict[str, float | None]:
         """What a curve tells of a state; None is for not a number. Collective."""

@@ -762,7 +762,7 @@ def determines(case: Case) -> dict[str, Any]:
     """What the equilibria of a case depend on, as plain data: fabric, preform, test, tools, stages.
 
     Not the number of increments of a test and the steps of stages, which, like the solver's
-    options, only say how to get there. Of a tool's file what is in it counts. InputError if that
+    options, only say how to get there. Of a file what is in it counts. InputError if that
     cannot be read; not collective.
     """
     fabric = asdict(case.fabric())
@@ -774,6 +774,7 @@ def determines(case: Case) -> dict[str, Any]:
     data["test"].pop("increments", None)
     for stage in data.get("stage", []):
         stage.pop("step")
+    data["preform"]["outline"]["file"] = case.preform_table.outline.drawn
     for tool in data.get("tool", []):
         path = tool["shape"].get("file")
         if path is not None:
