@@ -97,6 +97,7 @@ class _Path(_Table):
     allowed: float | None
     load: Annotated[float, Field(gt=-MOST, lt=MOST)]
     begin: float
+    support: Annotated[float, Field(ge=0.0, lt=MOST)]
 
 
 class _Run(_Table):
