@@ -275,7 +275,6 @@ class Equilibrium:
         if broken is not None:
             place, name, what = broken
             raise EquilibriumError(what, name, self._history, place)
-        self.most_support = max(self.most_support, end.support)
         return Found(
             end.state,
             end.energies,
