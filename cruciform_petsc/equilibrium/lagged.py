@@ -12,6 +12,8 @@ from .state import Found, State
 # Forces taken as given are right to this share of their sum.
 SETTLED = 1e-3
 MOST_ROUNDS = 30
+# A first round seeks equilibrium only as well as what it takes as given is worth.
+FIRST = 100.0  # times the tolerance
 
 
 def settle(equilibrium: Equilibrium, guess: State) -> Found:
@@ -20,10 +22,12 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
     Raises EquilibriumError on every rank.
     """
     rounds: list[Found] = []
+    loose = FIRST if any(guess.memory.values()) else 1.0
     while len(rounds) < MOST_ROUNDS:
-        rounds.append(equilibrium.solve(guess))
+        rounds.append(equilibrium.solve(guess, loose))
         guess, change, size = equilibrium.model.lagged(rounds[-1].state)
-        if change <= SETTLED * size:
+        loose = 1.0
+        if change <= SETTLED * size and rounds[-1].residual <= rounds[-1].tolerance:
             return replace(
                 rounds[-1],
                 iterations=sum(found.iterations for found in rounds),

@@ -92,7 +92,7 @@ class Equilibrium:
         self._before: np.ndarray | None = None  # positions of the last tangent
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
-        self._shifted, self._shift = 0, FIRST_SHIFT
+        self._shifted, self._shift, self._loose = 0, FIRST_SHIFT, 1.0
         self._most = 0.0  # support so far, N
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
@@ -177,7 +177,7 @@ class Equilibrium:
         self._history.append(float(residual))
         if not np.isfinite(residual):
             return PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN
-        if residual <= self._tolerance():
+        if residual <= self._loose * self._tolerance():
             return PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS
         if iteration >= snes.max_it:
             return PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
@@ -254,13 +254,15 @@ class Equilibrium:
 
     # -- steps ------------------------------------------------------------------------------------
 
-    def solve(self, guess: State) -> Found:
+    def solve(self, guess: State, loose: float = 1.0) -> Found:
         """Find equilibrium near a state, under its hold and loads. Collective.
+
+        ``loose``: the residual may be so many times the tolerance.
 
         Raises EquilibriumError on every rank.
         """
         begin = time.perf_counter()
-        self._start, self._last, self._before = guess, None, None
+        self._start, self._last, self._before, self._loose = guess, None, None, loose
         self._history, self._recent, self._shifted = [], [], 0
         self._vector.set(0.0)
         try:
@@ -271,7 +273,7 @@ class Equilibrium:
         reason = self.snes.getConvergedReason()
         if reason <= 0:
             name = reason_name(reason, PETSc.SNES)
-            raise EquilibriumError("no equilibrium found", name, self._history, self._worst())
+            raise EquilibriumError("no equilibrium found", name, self._history, *self._worst())
         end = self._evaluate(self._vector)
         broken = self.model.broken(end.state)
         if broken is not None:
@@ -290,7 +292,9 @@ class Equilibrium:
             time.perf_counter() - begin,
         )
 
-    def tangent_step(self, state: State, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def tangent_step(
+        self, state: State, change: np.ndarray, out_of_balance: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Answer of the free unknowns to a change of prescribed ones, at a state. Collective.
 
         Parameters
@@ -298,6 +302,8 @@ class Equilibrium:
         state : State
         change : float (n_local, dim)
             Lab frame, m; its free part is not looked at.
+        out_of_balance : bool
+            Whether they also answer to what is out of balance there, as where loads have changed.
 
         Returns
         -------
@@ -313,7 +319,10 @@ class Equilibrium:
         try:
             with self._options(), calling_back(self.snes):
                 self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
-                pushed = model.to_axes(model.times(blocks, change)[:owned])
+                pushed = model.times(blocks, change)
+                if out_of_balance:
+                    pushed += model.force(state)[0]
+                pushed = model.to_axes(pushed[:owned])
                 right.setArray(np.where(free[:owned], -pushed, 0.0).ravel())
                 self.snes.ksp.setOperators(self._matrix)
                 self.snes.setUp()
@@ -332,15 +341,8 @@ class Equilibrium:
         if isinstance(error, LibraryError):
             return error
         what = f"the linear solver failed: {error}"
-        return EquilibriumError(what, "SETUP", self._history, self._worst())
+        return EquilibriumError(what, "SETUP", self._history, *self._worst())
 
-    def _worst(self) -> np.ndarray | None:
-        """Place at rest of the largest force out of balance. Collective."""
-        if self._last is None:
-            return None
-        nodes = self.model.nodes
-        size = np.linalg.norm(self._last.gradient.reshape(-1, self.model.dim), axis=1)
-        size = np.nan_to_num(size, nan=np.inf)
-        at = int(size.argmax()) if len(size) else -1
-        here = (float(size[at]), nodes.rest[at].tolist()) if len(size) else (-1.0, [])
-        return np.array(max(self.model.comm.allgather(here))[1])
+    def _worst(self) -> tuple[np.ndarray | None, int]:
+        """See Model.worst. Collective."""
+        return self.model.worst(self._last.gradient) if self._last else (None, 0)

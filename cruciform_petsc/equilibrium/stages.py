@@ -18,14 +18,14 @@ class Measured:
     Attributes
     ----------
     load : float
-        Of the test, N.
+        Of the test, N; 0 where there is none.
     forces : dict of float (dim,)
         Force that holds each edge, lab frame, N.
     shear_max : float
         Largest shear angle of a crossover, radians.
     """
 
-    load: float = float("nan")
+    load: float = 0.0
     forces: Mapping[str, np.ndarray] = field(default_factory=dict)
     shear_max: float = float("nan")
 
@@ -96,6 +96,8 @@ class Increment:
         Residual before each Newton step of the last solution, and the last one.
     shifted : int
         Newton steps for which the tangent was mended.
+    rounds : int
+        How often equilibrium was sought, see Found.
     seconds : float
     asked : bool
         Whether it is one that was asked for, rather than a step on the way.
@@ -115,6 +117,7 @@ class Increment:
     tolerance: float
     history: list[float] = field(repr=False)
     shifted: int = 0
+    rounds: int = 1
     seconds: float = 0.0
     asked: bool = False
     cuts: int = 0
@@ -144,6 +147,7 @@ class Step:
             last.tolerance,
             last.history,
             sum(found.shifted for found in solved),
+            sum(found.rounds for found in solved),
             sum(found.seconds for found in solved),
             asked,
             cuts,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
+import shapely
 
 from ..cloth.fabric import Fabric
 from ..elements.level import FORCE
@@ -20,6 +21,7 @@ from ..items.item import Item
 from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
+from ..items.trimmed import Trimmed
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -28,6 +30,9 @@ from ..parallel import most
 from ..tools.tool import Tool
 
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
+
+# Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
+_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,8 @@ class Blank:
         Ply -> Item: what else acts on the cloth.
     factors : mapping, optional
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
+    cuts : mapping, optional
+        What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
 
     Attributes
     ----------
@@ -114,6 +121,7 @@ class Blank:
         symmetry: Sequence[str] = (),
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
+        cuts: Mapping[str, shapely.Polygon] | None = None,
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -121,13 +129,11 @@ class Blank:
         self.settings = settings = settings or ContactSettings.of(fabric)
         self.symmetry = frozenset(symmetry)
         self.factors = factors or {}
-        constraints = Constraints(network, bending, floats=True)
-        for edge in symmetry:
-            constraints.symmetry(edge)
-        self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
+        self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
+        ply.cuts = cuts = cuts or {}
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
@@ -159,12 +165,29 @@ class Blank:
                 force = np.zeros_like(rest)
                 force[node, axis] = 1.0
                 pushes.append(DeadLoads(force, rest, owned, push_name(tool.name, axis)))
-        parts = [OfPart(item, self.cloth_at) for item in ply.items]
-        self.loads = [part for part in parts if part.is_load and part.item is not ply.loads]
-        self.clamps = [part.item for part in parts if isinstance(part.item, Clamp)]
+        self.clamps = [item for item in ply.items if isinstance(item, Clamp)]
+
+        def trimmed(item: Item) -> Item:
+            points = _POINTS.get(item.name, slice(0, 1))
+            return cast(Item, Trimmed(item, ply.nodes.rest[:, :2], cuts, points)) if cuts else item
+
+        parts = [OfPart(trimmed(item), self.cloth_at) for item in ply.items]
+        self.loads = [part for part in parts if part.is_load and part.name != ply.loads.name]
         items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+
+    def _lay(self, bending: bool) -> Ply:
+        """The cloth."""
+        constraints = Constraints(self.network, bending, floats=True)
+        for edge in sorted(self.symmetry):
+            constraints.symmetry(edge)
+        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+
+    @property
+    def pitch(self) -> float:
+        """Mean distance of nodes along a yarn, m, by which Newton's steps are limited."""
+        return float(self.network.pitch.mean())
 
     def hold(
         self,
@@ -190,6 +213,12 @@ class Blank:
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""
         return cast(State, part_of(state, self.cloth_at))
+
+    def tool_moments(self, state: State) -> dict[str, np.ndarray]:
+        """Moments on the cloth by tools about their origins, (3,), N m. Collective."""
+        ours = np.array([contact.moment(state) for contact in self.contacts]).reshape(-1, 3)
+        everywhere = self.comm.allreduce(ours)
+        return dict(zip((contact.name for contact in self.contacts), everywhere, strict=True))
 
     def pulls(self, state: State) -> dict[str, np.ndarray]:
         """Forces on the cloth of each load, by its name, N: (n_local, 3), not complete on nodes.

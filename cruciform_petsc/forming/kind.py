@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
+from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
 from ..fields import Table
 from ..items.clamps import preload_name
@@ -24,6 +26,7 @@ from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from ..units import format_si
 from .blank import Blank, ContactSettings
+from .failures import explain
 from .forming import Formed, FormingStep, form
 from .table import (
     PRESSURES,
@@ -85,7 +88,7 @@ class Forming:
 
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
-    reference: ClassVar[str] = ""  # there is no membrane beside it
+    reference: ClassVar[str] = "formed"
 
     def __init__(
         self,
@@ -131,17 +134,38 @@ class Forming:
         settings = replace(
             ContactSettings.of(fabric), **{key: q.si for key, q in told.items() if q is not None}
         )
-        self.blank = Blank(
-            network,
+        self.settings = settings
+        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
+        """A blank of a kind among the tools. Collective."""
+        return kind(
+            self.network,
             self.tools,
-            weight=test.gravity,
-            settings=settings,
-            waves=(height, wave.seed) if height else None,
-            bending=test.bending,
-            symmetry=test.symmetry,
+            weight=self.test.gravity,
+            settings=self.settings,
+            bending=self.test.bending,
+            symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
+            cuts=self._cuts(),
             factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
+            **further,
         )
+
+    def _cuts(self) -> dict[str, shapely.Polygon]:
+        """What stays where stages trim the blank, by the factor that their plans send to 0."""
+        cuts, blank = {}, self.network.preform.outline
+        for i, stage in enumerate(self.stages):
+            if stage.trim is None:
+                continue
+            keep, name = stage.trim.build(), f"trim {i}"
+            blank = shapely.intersection(blank, keep)
+            if blank.is_empty:
+                raise InputError(f"stage[{i}].trim leaves nothing of the blank")
+            cuts[name] = keep
+            plan = self.plans[i]
+            self.plans[i] = replace(plan, factors={**plan.factors, name: 0.0})
+        return cuts
 
     # -- clamps and pressures -------------------------------------------------------------------
 
@@ -313,8 +337,12 @@ class Forming:
             )
         return told
 
-    def solve(self, accepted: Callable[[FormingStep, State], None] | None = None) -> Formed:
-        """Form the blank; ``accepted`` is called with each step and its state. Collective.
+    def solve(
+        self,
+        accepted: Callable[[FormingStep, State], None] | None = None,
+        keeper: Keeper | None = None,
+    ) -> Formed:
+        """Form the blank; ``accepted`` and ``keeper`` are as of `form`. Collective.
 
         Raises
         ------
@@ -322,40 +350,9 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(self.blank, self.plans, options=self.options, accepted=accepted)
+            return form(
+                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+            )
         except EquilibriumError as error:
-            self._explain(error)
+            explain(self.blank, self.stages, error, keeper is not None)
             raise
-
-    def _explain(self, error: EquilibriumError) -> None:
-        """Say in the error how far it came, where it stopped and which tool touches there."""
-        formed: Formed = error.result
-        done = formed.steps[-1].increment.control if formed.steps else 0.0
-        number = min(int(done), len(self.stages) - 1)
-        where = tool = ""
-        if error.place is not None:
-            x, y = (format_si(float(f"{v:.4g}"), "m") for v in error.place[:2])
-            where = f" at x = {x}, y = {y} of the flat blank"
-            if error.reason != "PIERCED":
-                where = f"; forces are farthest from balance{where}"
-                tool = self._nearest_tool(formed, error.place)
-        error.args = (
-            f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
-            f'"{self.stages[number].name}" ({error}, {error.reason}){where}{tool}. Smaller steps '
-            "(step), a softer contact or more viscosity (test.contact) may help; so does more room "
-            "between tools that close on the cloth",
-        )
-
-    def _nearest_tool(self, formed: Formed, place: np.ndarray) -> str:
-        """Which tool presses hardest on the cloth near a place, in words. Collective."""
-        if not formed.states:
-            return ""
-        blank, state, comm = self.blank, formed.states[-1], self.network.comm
-        rest = blank.ply.nodes.rest[blank.touching]
-        near = np.linalg.norm(rest - place, axis=1) < 2.0 * self.network.pitch.max()
-        most = {
-            contact.name: -least(comm, -contact.fields(state)["pressure"][near], 0.0)
-            for contact in blank.contacts
-        }
-        name = max(most, key=lambda key: most[key])
-        return f', where tool "{name}" presses most' if most[name] > 0.0 else ""

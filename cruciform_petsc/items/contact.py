@@ -14,8 +14,10 @@ from the state before and brought up to date until it no longer matters (`lagged
 
     psi' = 2 r - r^2  for r = s / s_0 < 1,  1 beyond
 
-with the elastic slip s_0. When a state is accepted anchors follow nodes that lie farther away than
-s_0, to that distance (return mapping): what sticks does not creep.
+with the elastic slip s_0. A node that touches anew is anchored where, on a straight way in the
+tool's frame from the last accepted state, it has come to touch. When a state is accepted anchors
+follow nodes that lie farther away than s_0, to that distance (return mapping): what sticks does not
+creep.
 """
 
 from __future__ import annotations
@@ -122,7 +124,7 @@ class Contact(Item):
             force[:, 1] = -force[:, 0]
         if level >= STIFFNESS:
             r = self.turn(state)
-            block = np.einsum("ia,nab,jb->nij", r, h, r)
+            block = r @ h @ r.T
             stiffness[:, 0, :, 0], stiffness[:, 1, :, 1] = block, block
             stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
         return energy, force, stiffness
@@ -155,17 +157,27 @@ class Contact(Item):
     # -- memory ------------------------------------------------------------------------------------
 
     def lagged(self, state: Placed) -> tuple[dict[str, np.ndarray], float, float]:
-        """See Item.lagged: forces and normals; nodes that touch anew stick where they are."""
+        """See Item.lagged: forces and normals; nodes that touch anew stick where they did."""
         y, old = self.local(state), state.memory.get(self.name)
+        if not old:
+            nowhere, nothing = np.full_like(y, np.nan), np.zeros(len(y))
+            fresh = np.ones(len(y), bool)
+            old = {"anchor": nowhere, "pressed": nothing, "spent": nothing, "slid": nothing}
+            old |= {"place": y, "fresh": fresh}
         d, normal, _ = self.surface.look(y)
         pressed = self.area * self._compacted(state, d)[1]
-        before = old["pressed"] if old else np.zeros(len(y))
-        anchor = old["anchor"] if old else np.full_like(y, np.nan)
-        anchor = np.where(np.isnan(anchor) & (pressed > 0)[:, None], y, anchor)
-        change = self.friction * float(abs(pressed - before).sum())
-        spent = old["spent"] if old else np.zeros(len(y))
-        memory = {"anchor": anchor, "normal": normal, "pressed": pressed, "spent": spent}
+        change = self.friction * float(abs(pressed - old["pressed"]).sum())
+        anchor = old["anchor"].copy()
+        at = np.flatnonzero(old["fresh"] & (pressed > 0.0))
+        anchor[at] = self._touched(old["place"][at], y[at], d[at])
+        memory = {**old, "anchor": anchor, "normal": normal, "pressed": pressed}
         return memory, change, self.friction * float(pressed.sum())
+
+    def _touched(self, before: np.ndarray, y: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Where on straight ways to y, in the tool, (n, 3), nodes have come to touch it."""
+        gap = np.maximum(self.surface.look(before)[0] - self.offset, 0.0)
+        share = gap / np.maximum(gap + self.offset - distance, 1e-300)
+        return before + share[:, None] * (y - before)
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
         """See Item.accepted: anchors follow what has slipped; what lets go forgets its anchor."""
@@ -175,9 +187,11 @@ class Contact(Item):
         moved = y - keep[:, None] * gap
         slid = np.maximum(s - self.slip, 0.0)
         memory["spent"] = memory["spent"] + self.friction * memory["pressed"] * slid
+        memory["slid"] = memory["slid"] + np.where(memory["pressed"] > 0.0, slid, 0.0)
         anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
-        memory["anchor"] = np.where((memory["pressed"] > 0)[:, None], anchor, np.nan)
-        return memory
+        touches = memory["pressed"] > 0.0
+        memory["anchor"] = np.where(touches[:, None], anchor, np.nan)
+        return memory | {"place": y, "fresh": ~touches}
 
     def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:
         """See Item.carried: nodes that were pressed."""
@@ -190,10 +204,20 @@ class Contact(Item):
         return self.nodes[at, 0], after.x[tool] + self.local(before)[at] @ turn.T
 
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
-        """Distance of the cloth's face to the tool [m] and pressure [Pa]; (m,)."""
+        """Distance of the cloth's face to the tool [m], pressure [Pa], the way slid [m]; (m,)."""
         distance = self.surface.look(self.local(state))[0]
         pressure = self._compacted(state, distance)[1]
-        return {"distance": distance - self.offset, "pressure": pressure}
+        slid = state.memory.get(self.name, {}).get("slid", np.zeros(len(distance)))
+        return {"distance": distance - self.offset, "pressure": pressure, "slip": slid}
+
+    def moment(self, state: Placed) -> np.ndarray:
+        """Moment on the cloth about the tool's origin by this rank's nodes, (3,), N m."""
+        moment = np.zeros(3)
+        for rows in self.chunks():
+            arm = state.x[self.nodes[rows, 0]] - state.x[self.tool]
+            force = -self.work(state, FORCE, rows)[1][:, 0]  # the energy's gradient points back
+            moment += np.cross(arm, force).sum(axis=0)
+        return moment
 
 
 def _along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,25 +14,27 @@ import numpy as np
 
 from ..equilibrium.state import State
 from ..errors import InputError
+from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.blank import Blank
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
     DrawIn,
     contact_fields,
-    outline,
     penetration,
     shear_figures,
     yarn_directions,
 )
-from ..parallel import on_root
+from ..forming.press import stage_number
+from ..forming.waves import Waves
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
-from .sample import MAP_LIMIT
-from .tables import in_order, lines, write_csv, write_pieces, written_whole
+from .sample import MAP_LIMIT, node_means
+from .tables import in_order, lines, write_csv, write_pieces
 
 if TYPE_CHECKING:
     from ..case.schema import Case
@@ -43,6 +46,7 @@ YARNS = 40  # of each family that are drawn
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+_OF_CONTACT = ("contact_pressure", "distance_to", "slip_on")
 
 
 class Record:
@@ -54,10 +58,12 @@ class Record:
     path : Path
         Of forces.csv.
     log : logging.Logger
+    earlier : int
+        Steps of a former run, which come first.
     """
 
-    def __init__(self, forming: Forming, path: Path, log: logging.Logger):
-        self.forming, self.path, self.log = forming, path, log
+    def __init__(self, forming: Forming, path: Path, log: logging.Logger, earlier: int = 0):
+        self.forming, self.path, self.log, self.earlier = forming, path, log, earlier
         self.draw_in = DrawIn(forming.blank)
         self.drawn: list[dict[str, float]] = []
         self.steps: list[FormingStep] = []
@@ -66,6 +72,20 @@ class Record:
         """Take note of a step. Collective."""
         self.steps.append(step)
         self.drawn.append(self.draw_in.largest(state))
+        if len(self.steps) >= self.earlier:
+            self._tell(step)
+            write_csv(self.forming.network.comm, self.path, self.table())
+
+    def _tell(self, step: FormingStep) -> None:
+        if len(self.steps) > self.earlier:
+            self.tell(step)
+            return
+        share = step.increment.control - stage_number(step.increment.control)
+        text = '           going on from %.4g %% of stage "%s", %d steps'
+        self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+
+    def tell(self, step: FormingStep) -> None:
+        """A line on a step, of the network or of a membrane beside it."""
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
@@ -86,7 +106,6 @@ class Record:
             last.iterations,
             mended,
         )
-        write_csv(self.forming.network.comm, self.path, self.table())
 
     def table(self) -> dict[str, list]:
         """Columns of forces.csv: a row for each accepted step."""
@@ -103,6 +122,11 @@ class Record:
             for axis, letter in enumerate("xyz"):
                 columns[f"{tool.name}_force_{letter}_N"] = [
                     step.tool_force[tool.name][axis] for step in steps
+                ]
+        for tool in self.forming.tools:
+            for axis, letter in enumerate("xyz"):
+                columns[f"{tool.name}_moment_{letter}_N_m"] = [
+                    step.tool_moment[tool.name][axis] for step in steps
                 ]
         for tool in self.forming.tools:
             for axis, letter in enumerate("xyz"):
@@ -128,11 +152,6 @@ class Record:
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
         columns["seconds"] = [step.increment.seconds for step in steps]
         return columns
-
-
-def stage_number(time: float) -> int:
-    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
-    return max(int(np.ceil(time - 1e-9)) - 1, 0)
 
 
 def summarize(
@@ -172,7 +191,8 @@ def summarize(
     last, state = formed.steps[-1], formed.states[-1]
     fields = blank.ply.fields(blank.of_cloth(state))
     deepest = penetration(blank, state)
-    warnings = []
+    shear = shear_figures(blank, fields)
+    warnings = beyond_laws(blank.network, np.deg2rad(shear["shear_max_deg"]), fields["arm_strain"])
     if deepest > MUCH * forming.thickness:
         warnings.append(
             f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
@@ -190,9 +210,11 @@ def summarize(
         "warnings": warnings,
         "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
         "tool_place_mm": {name: (MM * p).tolist() for name, p in last.tool_place.items()},
-        **shear_figures(blank, fields),
+        "tool_moment_n_m": {name: m.tolist() for name, m in last.tool_moment.items()},
+        **shear,
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
         "penetration_max_mm": MM * deepest,
+        **_waves(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
@@ -227,10 +249,25 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     log.info("shear angle   %s", text.format_map(summary))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
     log.info("draw-in       %s", drawn)
+    told = "%s%.3g mm high at most, %.3g %% of the cloth"
+    wrinkles, bridging = summary["wrinkles"], summary["bridging"]
+    for what, size, of in (
+        ("wrinkles      ", wrinkles["largest_height_mm"], wrinkles["area_share"]),
+        ("bridging      ", bridging["largest_gap_mm"], bridging["area_share"]),
+    ):
+        log.info(told, what, size, 100.0 * of)
     log.info("compaction    %.3g mm at most, on each side", summary["penetration_max_mm"])
     energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
     texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
+    continuum = summary.get("continuum", {})
+    if "force_ratio" in continuum:
+        ratios = {n: ratio for n, ratio in continuum["force_ratio"].items() if np.isfinite(ratio)}
+        forces = ", ".join(f"{name} {ratio:.4f}" for name, ratio in ratios.items())
+        log.info("membrane      forces along z, network / membrane: %s", forces)
+        text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        text += ", after {time:.4g} stages"
+        log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 
@@ -241,7 +278,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
 def write_fields(path: Path, forming: Forming, state: State) -> None:
     """Write fields.csv: a row for each crossover, in one order on any number of ranks. Collective.
 
-    ``thickness_mm`` is that of cloth whose fibre volume fraction stays as it is.
+    docs/files.md tells what the columns are.
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
@@ -251,19 +288,31 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
     now = blank.ply.nodes.rest[hinge] + fields["displacement"]
     stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
     area = stretched * np.cos(fields["shear_angle"])
+    mass, fraction = (
+        np.nan if value is None else value
+        for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
+    )
+    waves = Waves.of(blank, state, touch["pressure"])
     columns = {
         "x_rest_mm": MM * network.crossover_position[:, 0],
         "y_rest_mm": MM * network.crossover_position[:, 1],
         **{f"{letter}_mm": MM * now[:, axis] for axis, letter in enumerate("xyz")},
         **{f"warp_{letter}": warp[:, axis] for axis, letter in enumerate("xyz")},
         **{f"weft_{letter}": weft[:, axis] for axis, letter in enumerate("xyz")},
+        **{f"normal_{letter}": waves.normal[:, axis] for axis, letter in enumerate("xyz")},
         "shear_deg": np.rad2deg(fields["shear_angle"]),
         "warp_strain_percent": 100.0 * fields["warp_strain"],
         "weft_strain_percent": 100.0 * fields["weft_strain"],
         "warp_tension_N_per_mm": fields["warp_tension"] / MM,
         "weft_tension_N_per_mm": fields["weft_tension"] / MM,
+        "warp_curvature_per_m": waves.curvature[:, 0],
+        "weft_curvature_per_m": waves.curvature[:, 1],
+        "wrinkle_height_mm": MM * waves.height,
+        "bridging_mm": MM * waves.bridging,
         "area_ratio": area,
+        "areal_density_g_per_m2": 1e3 * mass / area,
         "thickness_mm": MM * forming.thickness / area,
+        "fibre_volume_fraction_at_constant_thickness": fraction / area,
         "contact_pressure_kPa": KPA * touch.pop("pressure"),
         **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
         "carrying": fields["carrying"],
@@ -280,36 +329,10 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
     write_pieces(network.comm, path, [head.encode(), text])
 
 
-def write_outline(directory: Path, forming: Forming, state: State) -> None:
-    """Write outline.csv and outline.svg: the flat blank's yarn ends, and where they are now.
-
-    Collective. The drawing is in mm, to be cut: the flat blank's outline, and dashed what has
-    become of it in plan.
-    """
-    comm, table = forming.network.comm, outline(forming.blank, state)
-    names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
-    columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
-    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
-    polygon = forming.network.preform.outline
-    rings = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
-
-    def write() -> None:
-        low, size = rings[0].min(axis=0) - 5.0, np.ptp(rings[0], axis=0) + 10.0
-        now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(rings))]
-        lines = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.6g}mm" '
-            f'height="{size[1]:.6g}mm" viewBox="{low[0]:.6g} {-low[1] - size[1]:.6g} '
-            f'{size[0]:.6g} {size[1]:.6g}" fill="none" stroke="black" stroke-width="0.3">'
-        ]
-        for points, style in [(p, "") for p in rings] + [
-            (p, ' stroke-dasharray="2 1"') for p in now
-        ]:
-            text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in points)
-            lines.append(f'<polygon points="{text}"{style}/>')
-        with written_whole(directory / "outline.svg") as temporary:
-            temporary.write_text("\n".join([*lines, "</svg>", ""]))
-
-    on_root(comm, write)
+def _waves(blank: Blank, state: State) -> Waves:
+    """Wrinkles and bridges of a state. Collective."""
+    pressure = contact_fields(blank, state)["pressure"]
+    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
 def write_series(
@@ -319,16 +342,19 @@ def write_series(
 
     Time is the number of stages that are done, and the share of the one that runs; it begins with
     the flat blank. All points of a tool that has been removed are one. Cells of the cloth are its
-    arms, as in `paraview.write_state`; besides, point data: ``contact_pressure_kPa`` and
-    ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
+    arms, as in `paraview.write_state`; besides, point data: ``contact_pressure_kPa``,
+    ``distance_to_TOOL_mm``, ``slip_on_TOOL_mm``, and at crossovers, between them means of two,
+    ``wrinkle_height_mm`` and ``bridging_mm``; cell data: ``yarn_direction`` and
+    ``curvature_per_m``.
     """
     comm = forming.network.comm
     states = [forming.blank.start(), *formed.states]
+    first = _cloth(forming, states[0])
     times = np.array([state.time for state in states])
     notes = {**notes, "time_is": "stages done"}
-    cloth = (_cloth(forming, state) for state in states)
-    touching = ["pressure", *(f"distance to {tool.name}" for tool in forming.tools)]
-    changing = {_point(name) for name in touching} | {"CellData/yarn_direction"}
+    cloth = chain([first], (_cloth(forming, state) for state in states[1:]))
+    own = (*_OF_CONTACT, "wrinkle_height", "bridging", "yarn_direction", "curvature")
+    changing = {name for name in first if name.split("/")[-1].startswith(own)}
     paraview.write_by_rank(
         comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
     )
@@ -374,6 +400,7 @@ def draw_all(
     drawn = {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
+        **_wrinkles(forming, formed.states[-1], title, summary),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
         ),
@@ -397,15 +424,26 @@ def draw_all(
     return written
 
 
+def _wrinkles(
+    forming: Forming, state: State, title: str, summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The picture of wrinkles' heights, where there are any. Collective."""
+    if not summary["wrinkles"]["area_share"]:
+        return {}
+    frame = _frame(forming, state, MM * _waves(forming.blank, state).height)
+    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
+
+
 def _of_the_way(states: Sequence[State]) -> list[State]:
     """Up to FRAMES of the states, evenly, and the last."""
     taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
     return [states[round(k)] for k in taken]
 
 
-def _frame(forming: Forming, state: State) -> scene.Frame:
+def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> scene.Frame:
     """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
 
+    ``values`` at this rank's crossovers, (n_owned,); by default the shear angle in degrees.
     Collective; nothing is in it on other ranks.
     """
     network, blank = forming.network, forming.blank
@@ -413,8 +451,9 @@ def _frame(forming: Forming, state: State) -> scene.Frame:
     every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
     taken = (network.crossover_ij % every == 0).all(axis=1)
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
-    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
+    if values is None:
+        values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, values])[taken])
     facets = [tool.surface.facets() for tool in forming.tools]
     tools: dict[bool, list[Facets]] = {True: [], False: []}
     for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
@@ -441,12 +480,6 @@ def _frame(forming: Forming, state: State) -> scene.Frame:
     )  # fmt: skip
 
 
-def _point(name: str) -> str:
-    """Name in the file of a field of contact."""
-    name = "contact_pressure_kPa" if name == "pressure" else f"{name.replace(' ', '_')}_mm"
-    return f"PointData/{name}"
-
-
 def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition of the cloth. Collective."""
     network, blank, ply = forming.network, forming.blank, forming.blank.ply
@@ -456,12 +489,18 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     arrays["Points"][:, 2] += 0.5 * forming.thickness  # where the blank lies
     node = np.flatnonzero(~network.node_is_hinge)
     at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
-    for name, values in contact_fields(blank, state).items():
-        scale = KPA if name == "pressure" else MM
-        arrays[_point(name)] = (scale * values[at]).astype("f4")
+    touch = contact_fields(blank, state)
+    waves = Waves.of(blank, state, touch["pressure"][ply.nodes.of_hinge])
+    points = {f"{name.replace(' ', '_')}_mm": MM * values[at] for name, values in touch.items()}
+    points["contact_pressure_kPa"] = KPA / MM * points.pop("pressure_mm")
+    for name, values in {"wrinkle_height": waves.height, "bridging": waves.bridging}.items():
+        both = np.concatenate([values, node_means(network, values)[node]])
+        points[f"{name}_mm"] = MM * both
+    arrays |= {f"PointData/{name}": values.astype("f4") for name, values in points.items()}
     crossover, arm = np.nonzero(network.arm_length > 0)
     along = np.stack(yarn_directions(blank, state))[arm % 2, crossover]
     arrays["CellData/yarn_direction"] = along.astype("f4")
+    arrays["CellData/curvature_per_m"] = waves.curvature[crossover, arm % 2].astype("f4")
     return arrays
 
 

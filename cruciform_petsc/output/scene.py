@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A picture of woven yarns in space: tubes that pass over and under each other.
 
-The network is plane; the waves of its yarns are added here, those of a plain weave. No display is
+The network is plane; the waves of its yarns are added here, those of its weave. No display is
 needed: Xvfb stands for one where it is there, and VTK's own wheel needs none.
 """
 
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..cloth.weave import Weave
 from ..errors import InputError
 from . import pictures
 from .folder import explaining
@@ -28,6 +29,8 @@ from .sample import YarnSample
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+
+    from ..cloth.fabric import Fabric
 
 ALONG = 8  # pieces of tube per crossover
 WIDTH = 0.42  # half the width of a yarn over the distance of two: a little light comes through
@@ -42,19 +45,18 @@ STEEL = (176, 181, 188)
 SECONDS = 300.0  # until rendering has failed
 
 
-def woven(
-    sample: YarnSample, clamps: np.ndarray, thickness: float | None = None, title: str = ""
-) -> Figure:
+def woven(sample: YarnSample, clamps: np.ndarray, fabric: Fabric, title: str = "") -> Figure:
     """Draw the deformed yarns as tubes in the colours of their values. Not collective.
 
     Yarns get narrower and thicker where the cloth shears, as they have less room there. Of a large
     network the yarns of the sample stand for several each, and are so much thicker. Values are in
-    degrees, the cloth's thickness in m; ``clamps`` are segments (n, 2, 2) to draw as bars, the
-    cloth on their left. InputError if nothing here can render.
+    degrees; thickness and weave are the fabric's; ``clamps`` are segments (n, 2, 2) to draw as
+    bars, the cloth on their left. InputError if nothing here can render.
     """
+    thickness = fabric.thickness
     height = thickness * sample.every if thickness else THICKNESS * sample.spacing
     colours = pictures.colour_scale([sample.values])
-    scene = yarn_lines(sample, height, colours)
+    scene = yarn_lines(sample, height, colours, Weave.named(fabric.weave))
     width = pictures.bar_width(*pictures.bounds([scene["lines"][:, :2]]))
     scene["bars"] = pictures.bar_corners(clamps, width)
     scene["bar_height"] = np.array(max(height, 0.35 * width))
@@ -91,7 +93,7 @@ class Frame:
     caption: str = ""
 
 
-def formed(frames: Sequence[Frame], title: str = "") -> Figure:
+def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_LABEL) -> Figure:
     """Draw a formed blank at some times, its yarns on it, among the tools. Not collective.
 
     Of tools what is near the cloth is shown; those from above are see-through, and cut open in
@@ -125,7 +127,7 @@ def formed(frames: Sequence[Frame], title: str = "") -> Figure:
     captions = [frame.caption for frame in frames]
     if len(captions) == 1:
         title, captions = f"{title}\n{captions[0]}".strip(), [""]
-    return _page(images, 1e3 * extent, colours, title, captions, pictures.SIZE_LABEL)
+    return _page(images, 1e3 * extent, colours, title, captions, label)
 
 
 def _looked_at(
@@ -147,8 +149,10 @@ def _looked_at(
     }
 
 
-def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> dict[str, np.ndarray]:
-    """Lines of all yarns with the waves of a plain weave, for `render.tubes`; lengths in metres.
+def yarn_lines(
+    sample: YarnSample, height: float, colours: ScalarMappable, weave: Weave
+) -> dict[str, np.ndarray]:
+    """Lines of all yarns with the waves of their weave, for `render.tubes`; lengths in metres.
 
     The cloth at rest is ``height`` thick.
     """
@@ -160,7 +164,7 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
         if len(rows) < 2:
             continue
         family = int(sample.family[rows[0]])
-        along, line = place[rows, family], np.round(place[rows[0], 1 - family])
+        along, line = place[rows, family], round(place[rows[0], 1 - family])
         fine = np.linspace(along[0], along[-1], 1 + int(np.ceil(ALONG * np.ptp(along))))
         good = rows[np.isfinite(sample.values[rows])]
         angle = np.full(len(fine), np.nan)
@@ -168,7 +172,7 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
             angle = np.interp(fine, place[good, family], sample.values[good])
         # Half as thick as the cloth each, and the room of one yarn stays that of one yarn.
         cosine = np.maximum(np.cos(np.deg2rad(np.nan_to_num(angle))), LEAST_COSINE)
-        wave = (1 - 2 * family) * np.cos(np.pi * (fine + line))
+        wave = weave.heights(family, line, fine)
         curve = make_interp_spline(along, after[rows], k=min(3, len(rows) - 1))
         lines.append(np.column_stack([curve(fine), 0.25 * height * wave / cosine]))
         halves.append(np.column_stack([WIDTH * sample.spacing * cosine, 0.25 * height / cosine]))

@@ -12,6 +12,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, Preform
+from cruciform_petsc.cloth.weave import Weave
 from cruciform_petsc.output import figures, pictures, scene
 from cruciform_petsc.output.sample import sample_yarns
 from cruciform_petsc.run import run_case
@@ -26,17 +27,25 @@ def result():
     return BiasExtension(network, "4 mm", finite=True).solve()
 
 
-def yarn_lines(result, limit):
+def yarn_lines(result, limit, weave):
     """The sample, and its lines as drawn, of a cloth of 1 mm."""
     sample = sample_yarns(result.network, result.node_displacement, result.fields, limit)
     scale = pictures.colour_scale([sample.values])
-    return sample, scene.yarn_lines(sample, 1e-3, scale)
+    return sample, scene.yarn_lines(sample, 1e-3, scale, Weave.named(weave))
 
 
-@pytest.mark.parametrize("limit", [3000, 20])
-def test_plain_weave(result, limit):
-    """At every crossover one family is above, neighbours alternate; no yarn leaves the cloth."""
-    sample, drawn = yarn_lines(result, limit)
+@pytest.mark.parametrize(
+    ("limit", "weave", "warp_above"),
+    [
+        (3000, "plain", lambda i, j: (i + j) % 2 == 0),
+        (20, "plain", lambda i, j: (i + j) % 2 == 0),
+        (3000, "twill 2/2", lambda i, j: (i - j) % 4 in (0, 1)),
+        (3000, "satin 5", lambda i, j: (i - 2 * j) % 5 != 0),
+    ],
+)
+def test_weave(result, limit, weave, warp_above):
+    """At every crossover one family is above, as it is woven; no yarn leaves the cloth."""
+    sample, drawn = yarn_lines(result, limit, weave)
     place = sample.lattice / sample.every
     assert (sample.every > 1) == (limit == 20)
     # Half a cloth of 1 mm, more where it has sheared by up to 40 degrees.
@@ -62,7 +71,7 @@ def test_plain_weave(result, limit):
     assert len(crossed) > 3
     for i, j in crossed:
         assert above[0, i, j] != above[1, i, j]
-        assert above[0, i, j] == ((i + j) % 2 == 0)
+        assert above[0, i, j] == warp_above(i, j)
 
 
 def test_tubes():
@@ -134,7 +143,7 @@ def test_case_file(tmp_path, monkeypatch, caplog, can):
     if not can:
         monkeypatch.setattr(scene.sys, "executable", "/bin/false")
     case = Case.from_data({
-        "fabric": {"use": "e-glass-plain-2.4"},
+        "fabric": {"use": "e-glass-plain-2.4", "weave": "twill 2/2"},
         "preform": {"outline": {"rectangle": ["24 mm", "36 mm"]}, "bias_angle": "45 deg"},
         "test": {"extension": "1 mm"},
         "output": {"pictures": False, "paraview": False, "report": True, "scene": True},
