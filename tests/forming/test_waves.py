@@ -114,7 +114,7 @@ def test_folds_that_run_down_a_sphere():
     def folded(rest):
         rho, phi = np.hypot(rest[:, 0], rest[:, 1]), np.arctan2(rest[:, 1], rest[:, 0])
         lift = 0.8e-3 * (1.0 + np.sin(10.0 * phi)) * np.clip((rho - 20e-3) / 15e-3, 0.0, 1.0)
-        place = on_sphere(rest) + [0.0, 0.0, RADIUS]
+        place = on_sphere(rest) + np.array([0.0, 0.0, RADIUS])
         return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] - [0.0, 0.0, RADIUS]
 
     waves, figures, blank = measured(folded, [BALL], size=(104, 104))
