@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 from cruciform_petsc.calibration import bending_rigidity
 
@@ -32,7 +33,9 @@ FINITE = {
     "picture_frame": ("load_n", 6.849837),
     "sin_potential": ("load_n", 11.20169),
 }
-FORMING = {"hemisphere"}
+FORMING = {
+    "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "three_corners",
+}  # fmt: skip
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
@@ -151,6 +154,92 @@ def test_hemisphere(tmp_path):
     assert summary["work_of_tools_j"] == pytest.approx(stored, rel=0.05)
 
 
+def form(demo, ranks, folder, *coarser):
+    """Run a forming without pictures, on a coarser net where that is asked for; its summary."""
+    options = [word for change in coarser for word in ("--set", change)]
+    return run(demo, ranks, folder, "--set", "output.pictures=false", *options)
+
+
+def column(folder, name, file="fields.csv"):
+    """A column of a table in a folder of results."""
+    return np.genfromtxt(folder / file, delimiter=",", names=True)[name]
+
+
+def test_capstan(tmp_path):
+    """Tensions on both sides of the cylinder, by the angle between them: e^(mu phi)."""
+    summary = form("capstan", 1, tmp_path)
+    left, right = (np.array(summary["clamps"][edge]["force_n"]) for edge in ("left", "right"))
+    slack, tight = sorted([np.linalg.norm(left), np.linalg.norm(right)])
+    phi = np.pi - np.arccos(left @ right / (slack * tight))
+    assert np.rad2deg(phi) == pytest.approx(61.1, abs=0.2)
+    assert tight / slack == pytest.approx(np.exp(0.2 * phi), rel=2e-3)
+    cylinder = np.array(summary["tool_force_n"]["cylinder"])
+    assert np.linalg.norm(left + right + cylinder) < 1e-3 * tight
+
+
+def test_cushion(tmp_path):
+    """The centre rises as much as in the literature, 0.205 to 0.217 m; the seam carries p A."""
+    summary = form("cushion", 1, tmp_path)
+    height = column(tmp_path, "z_mm").max() - 0.3
+    assert 205.0 < height < 219.0
+    edge = column(tmp_path, "z_mm", "outline.csv")
+    rest = np.genfromtxt(tmp_path / "outline.csv", delimiter=",", names=True)
+    seam = (rest["x_rest_mm"] > 424.2) | (rest["y_rest_mm"] > 424.2)
+    np.testing.assert_allclose(edge[seam], 0.3, atol=0.01)  # the film's middle
+    up = sum(clamp["force_n"][2] for clamp in summary["clamps"].values())
+    ring = np.column_stack([rest["x_mm"], rest["y_mm"]])[seam]
+    corner = np.vstack([[0.0, 0.0], [ring[ring[:, 1].argmin()][0], 0.0]])
+    order = np.argsort(np.arctan2(ring[:, 1], ring[:, 0]))
+    area = shapely.Polygon([*corner[:1], *ring[order]]).area * 1e-6
+    assert -up == pytest.approx(5e3 * area, rel=0.02)
+
+
+def short_half_axis(folder):
+    """Where the middle of the long side ends in plan, mm."""
+    table = np.genfromtxt(folder / "outline.csv", delimiter=",", names=True)
+    side = table[table["x_rest_mm"] > 249.9]
+    return float(side["x_mm"][abs(side["y_rest_mm"]).argmin()])
+
+
+def test_double_dome(tmp_path):
+    """0/90: yarns across hardly stretch, so their half ends near 189.0 mm; published is 191."""
+    summary = form("double_dome", 1, tmp_path, "preform.yarns_per_cruciform=8")
+    assert short_half_axis(tmp_path) == pytest.approx(190.5, abs=2.5)
+    assert summary["tool_force_n"]["holder"][2] == pytest.approx(-25.0)
+    forces = [force[2] for force in summary["tool_force_n"].values()]
+    assert abs(sum(forces)) < 0.02 * max(forces)  # viscosity takes part of it
+
+
+def test_double_dome_at_45_degrees(tmp_path):
+    """The whole is symmetric by half a turn."""
+    form("double_dome_45", 1, tmp_path, "preform.yarns_per_cruciform=10")
+    table = np.genfromtxt(tmp_path / "outline.csv", delimiter=",", names=True)
+    low, high = (table[edge * table["x_rest_mm"] > 249.9] for edge in (-1, 1))
+    np.testing.assert_allclose(sorted(low["x_mm"]), sorted(-high["x_mm"]), atol=1.0)
+    assert 180.0 < short_half_axis(tmp_path) < 215.0
+
+
+def test_drape(tmp_path):
+    """The disc carries the cloth's weight; its rim hangs, so that it covers less than flat."""
+    summary = form("drape", 1, tmp_path, "preform.yarns_per_cruciform=6")
+    weight = 0.15 * 9.80665 * 24 * 0.15**2 * np.sin(2 * np.pi / 48)
+    assert summary["tool_force_n"]["disc"][2] == pytest.approx(weight, rel=2e-3)
+    table = np.genfromtxt(tmp_path / "outline.csv", delimiter=",", names=True)
+    area = shapely.Polygon(np.column_stack([table["x_mm"], table["y_mm"]])).buffer(0).area
+    disc = np.pi * 90.0**2
+    assert 0.1 < (area - disc) / (np.pi * 150.0**2 - disc) < 0.6
+
+
+def test_three_corners(tmp_path):
+    """From an STL: the forces balance, and cloth and punch are the same on both sides of x = 0."""
+    summary = form("three_corners", 1, tmp_path, "preform.yarns_per_cruciform=5")
+    forces = np.array(list(summary["tool_force_n"].values()))
+    assert np.linalg.norm(forces.sum(axis=0)) < 5e-3 * forces[0, 2]
+    drawn = summary["draw_in_mm"]
+    assert drawn["left"] == pytest.approx(drawn["right"], abs=0.3)
+    assert summary["shear_max_deg"] > 3.0
+
+
 def test_from_a_curve_to_a_prediction(tmp_path):
     """The commands of the README's section, as they stand there, one after the other."""
     section = README.read_text().split("## From a measured curve to a prediction")[1]
@@ -174,6 +263,29 @@ def test_from_a_curve_to_a_prediction(tmp_path):
     assert (results / "predicted" / "report.html").stat().st_size > 100_000
     for name in ("comparison", "results/two_sizes", "results/by_strain"):
         assert (tmp_path / name / "comparison.json").exists()
+
+
+def test_forming_tutorial(tmp_path):
+    """The case and the commands of the page, as they stand there, one after the other."""
+    text = (DEMOS.parent / "docs" / "tutorial-forming.md").read_text()
+    case = text.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "tutorial.toml").write_text(f"{case}[output]\npictures = false\n")  # others have
+    (tmp_path / "demos").symlink_to(DEMOS)
+    lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
+    assert sum(line.startswith("cruciform-petsc") for line in lines) == 3
+    done = subprocess.run(
+        ["bash", "-euc", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True,
+        timeout=600, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "shear" in done.stdout
+    folder = tmp_path / "results" / "tutorial"
+    told = {name: (folder / name).stat().st_size for name in ("fields.csv", "outline.svg")}
+    assert min(told.values()) > 500
+    columns = (folder / "fields.csv").read_text().splitlines()[0]
+    assert {"warp_strain_percent", "shear_deg", "warp_x", "weft_x"} <= set(columns.split(","))
+    finer = json.loads((tmp_path / "results/tutorial_finer/summary.json").read_text())
+    assert finer["crossovers"] > 100
 
 
 def script_of(document, heading, folder, ranks):

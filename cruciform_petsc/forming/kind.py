@@ -39,6 +39,8 @@ from .table import (
 )
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
+COARSE = 1.25  # arms over a radius: beyond, the net cuts the corner
+FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
@@ -120,6 +122,8 @@ class Forming:
         self.remarks = remarks(network.preform, fabric, test)
         self.remarks += [r for tool in self.tools for r in tool.remarks(self.thickness)]
         self.remarks += self._clearances() + self._one_sided()
+        for table, tool in zip(tables, self.tools, strict=True):
+            self.remarks += self._fit(table, tool)
         if height == 0.0:
             self.remarks.append("without test.imperfection wrinkles start from rounding, if at all")
         told = {
@@ -199,7 +203,67 @@ class Forming:
         if tool.placed:
             return tool
         axis = np.array([0.0, 0.0, 1.0 if lies_below else -1.0])
-        return tool.touching(self._points(), axis, 0.5 * self.thickness, self.network.comm)
+        try:
+            return tool.touching(self._points(), axis, 0.5 * self.thickness, self.network.comm)
+        except InputError as error:
+            raise InputError(
+                f"{error}, or a larger blank: {self._size_text(self._box())} may fit into an "
+                f"opening of a tool of {self._size_text(tool.surface.box)}"
+            ) from None
+
+    def _box(self) -> np.ndarray:
+        """Least and largest x and y of the blank, float (2, 2), m."""
+        return np.reshape(self.network.preform.outline.bounds, (2, 2))
+
+    @staticmethod
+    def _size_text(box: np.ndarray) -> str:
+        x, y = (format_si(float(f"{length:.4g}"), "m") for length in np.ptp(box, axis=0)[:2])
+        return f"{x} x {y}"
+
+    def _fit(self, table: ToolTable, tool: Tool) -> list[str]:
+        """Remarks on a tool that hardly fits the blank or its net: radii, unit, upside down."""
+        remarks, arm = [], 0.5 * float(self.network.pitch.max())
+        driven = any(tool.name in stage.moved for stage in self.stages)
+        pushed = any(tool.name in stage.force for stage in self.stages)
+        radius = min(tool.surface.closest_radius)
+        if arm > COARSE * radius and (driven or not pushed):
+            remarks.append(
+                f'tool "{tool.name}" has radii down to {format_si(float(f"{radius:.3g}"), "m")}, '
+                f"and the net's arms, of {format_si(float(f'{arm:.3g}'), 'm')}, cut its corners: a "
+                "smaller preform.yarns_per_cruciform, or a larger preform.refine"
+            )
+        if table.shape.file is None:
+            return remarks
+        blank, box = self._box(), tool.surface.box
+        ratio = np.ptp(box[:, :2], axis=0).max() / np.ptp(blank, axis=0).max()
+        if not 1.0 / FAR <= ratio <= FAR:
+            remarks.append(
+                f'tool "{tool.name}" is {self._size_text(box)}, the blank '
+                f"{self._size_text(blank)}: is the unit of its file right?"
+            )
+        if driven:
+            points, triangles = tool.surface.facets()
+            towards, away = self._flats(tool.start.to_lab(points), triangles)
+            if tool.name in self.below:
+                towards, away = away, towards
+            if towards > 2.0 * away + 0.01 * np.prod(np.ptp(blank, axis=0)):
+                remarks.append(
+                    f'tool "{tool.name}" meets the cloth with a flat, its other end has less of '
+                    'one: is it upside down? turn = ["180 deg", "0 deg", "0 deg"] turns it over'
+                )
+        return remarks
+
+    @staticmethod
+    def _flats(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:
+        """Areas [m^2] of the facets that lie flat at the lower and the upper end of a tool."""
+        corners = points[triangles]
+        low, high = points[:, 2].min(), points[:, 2].max()
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = 0.5 * np.linalg.norm(np.cross(a, b), axis=1)
+        near = 0.01 * (high - low)
+        lower = (corners[..., 2] < low + near).all(axis=1)
+        upper = (corners[..., 2] > high - near).all(axis=1)
+        return float(area[lower].sum()), float(area[upper].sum())
 
     def _first_gaps(self) -> dict[str, float]:
         """Between blank and each tool at the start, m; InputError where they overlap."""
@@ -267,7 +331,7 @@ class Forming:
         for tool in self.tools:
             side = "below" if tool.name in self.below else "above"
             x, y, z = (format_si(float(f"{v + 0.0:.6g}"), "m") for v in tool.start.place)
-            gap = format_si(float(f"{max(round(self.gaps[tool.name], 9), 0.0):.3g}"), "m")
+            gap = format_si(float(f"{max(round(self.gaps[tool.name], 9), 0.0) + 0.0:.3g}"), "m")
             told.append(
                 f'tool "{tool.name}", {side} the cloth, starts at {x}, {y}, {z}, {gap} from it'
             )

@@ -379,7 +379,7 @@ def test_damaged_svg(tmp_path, text, message):
 
 
 def test_files_that_are_not_there(tmp_path):
-    for suffix, package in (("dxf", "ezdxf"), ("svg", "svgelements")):
+    for suffix in ("dxf", "svg"):
         with pytest.raises(InputError, match=r"cannot be read: No such file or directory"):
             OutlineTable.from_data({"file": str(tmp_path / f"none.{suffix}")}, "preform.outline")
 

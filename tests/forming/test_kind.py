@@ -3,6 +3,7 @@
 
 import csv
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -249,6 +250,45 @@ def test_removed_tools_are_not_drawn(tmp_path):
     assert len(before.above[1]) > len(after.above[1]) > 0
     assert len(before.below[1]) == len(after.below[1])
     assert [before.caption, after.caption] == ["draw, 100 %", "open, 100 %"]
+
+
+PUNCH = 'shape = { sphere = { radius = "12 mm", shaft = true } }\n'
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([(PUNCH, "FILE unit = 'mm' }\n")], "is it upside down?"),
+        ([(PUNCH, "FILE unit = 'mm' }\nturn = ['180 deg', '0 deg', '0 deg']\n")], ""),
+        ([(PUNCH, "FILE unit = 'cm' }\n")], "is the unit of its file right?"),
+        (
+            [('fillet = "4 mm"', 'fillet = "1 mm"')],
+            'tool "die" has radii down to 1 mm, and the net',
+        ),
+        (
+            [('bias_angle = "0 deg"', 'bias_angle = "0 deg"\nyarns_per_cruciform = 4')],
+            "cut its corn",
+        ),
+    ],
+)
+def test_what_hardly_fits_is_remarked_on(tmp_path, changes, words):
+    """A punch that presses with its base; centimetres for millimetres; arms longer than radii."""
+    tool = Path(__file__).parents[2] / "demos" / "tools" / "tetrahedron.stl"
+    (tmp_path / "tip.stl").write_bytes(tool.read_bytes())
+    file = "shape = { file = 'tip.stl', cell = '4 mm',"
+    path = written(tmp_path, *((old, new.replace("FILE", file)) for old, new in changes))
+    case = Case.load(path)
+    forming = case.forming(Network(COMM, case.preform(), case.fabric()))
+    told = " ".join(forming.remarks)
+    assert (words in told) if words else ("upside down" not in told)
+
+
+def test_blank_in_the_opening(tmp_path):
+    """A blank that fits into the die's opening meets no die."""
+    path = written(tmp_path, ('["56 mm", "56 mm"]', '["16 mm", "16 mm"]'))
+    case = Case.load(path)
+    with pytest.raises(InputError, match="16 mm x 16 mm may fit into an opening of a tool of 120"):
+        case.forming(Network(COMM, case.preform(), case.fabric()))
 
 
 def test_weight_rests_on_the_disc(tmp_path, capfd):
