@@ -34,7 +34,7 @@ from .net.network import Network
 from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
-from .output.exports import export
+from .output.exports import export, export_formed
 from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
@@ -434,6 +434,8 @@ class _FormingRun(_Run):
                 ):
                     self.summary["warnings"].append(sentence)
                     log.warning("warning       %s", sentence)
+                if case.output.exports:
+                    export_formed(self.directory, forming, result.states[-1])
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
@@ -461,31 +463,34 @@ class _FormingRun(_Run):
         continuum = self.case.continuum
         if self.failure is not None or not (continuum.compare or continuum.ladder):
             return
-        with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
-            self.log.info("%sthe membrane beside it:", INDENT)
-            reference = FormedReference(
-                forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
-            )
-            self.summary["continuum"] = reference.summary()
-            if reference.rows:
-                self._write_csv("continuum.csv", reference.table())
-
-        def rung(refine: int) -> dict[str, Any] | None:
-            network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
-            return reference.rung(self.case.forming(network))
-
         told = []
         if self.summary["wrinkles"]["area_share"] > 0.0:
             told.append(
                 "the cloth has wrinkles, and the membrane beside it no bending: they need not agree"
             )
-        if reference.failed:
-            told.append(f"the membrane beside the network could not be formed: {reference.failed}")
-        else:
-            try:
+        try:
+            with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
+                self.log.info("%sthe membrane beside it:", INDENT)
+                reference = FormedReference(
+                    forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
+                )
+                self.summary["continuum"] = reference.summary()
+                if reference.rows:
+                    self._write_csv("continuum.csv", reference.table())
+
+            def rung(refine: int) -> dict[str, Any] | None:
+                network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
+                return reference.rung(self.case.forming(network))
+
+            if reference.failed:
+                told.append(f"the membrane beside it could not be formed: {reference.failed}")
+            else:
                 self._climb(rung)
-            except EquilibriumError as error:
-                told.append(f"a net of continuum.ladder could not be formed: {error}")
+        except EquilibriumError as error:
+            told.append(f"a net of continuum.ladder could not be formed: {error}")
+        except SolverError as error:
+            self.failure = error
+            self.summary.setdefault("continuum", {})["failed"] = str(error)
         for sentence in told:
             self.summary["warnings"].append(sentence)
             self.log.warning("warning       %s", sentence)

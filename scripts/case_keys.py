@@ -64,6 +64,7 @@ _SHAPES: dict[Any, str] = {
     list[forming.StageTable]: "tables",
     list[forming.SideName]: 'a list of `"left"`, `"right"`, `"lower"`, `"upper"`',
     list[fields.Name]: "a list of texts",
+    preform.Names: "a list of texts",
     forming.Force: 'a force, `"100 N"`, or a list of 3 forces',
 }
 
@@ -87,6 +88,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.tension`", fabric.TensionTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
+    ("`preform.edges`, by name", preform.EdgeTable),
     ("`[test]`, every kind but forming", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
@@ -97,6 +99,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
     ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
+    ("`stage.trim`", forming.TrimTable),
     ("`stage.turn`, by tool", tool.TurnTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),

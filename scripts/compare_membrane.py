@@ -54,12 +54,6 @@ def cloth(bending: float) -> Fabric:
     )
 
 
-def symmetric(cloth_or_sheet) -> None:
-    """Planes of symmetry through the pole."""
-    for edge in ("left", "lower"):
-        cloth_or_sheet.symmetry(edge)
-
-
 def main() -> list[dict[str, float]]:
     """Print a row for each rung as it is done; returns them."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -86,7 +80,7 @@ def main() -> list[dict[str, float]]:
     corners = (SIDE * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])).tolist()
     options = {
         "settings": ContactSettings(1e8, 2e-4, 1e-5, 20.0),
-        "edges": symmetric,
+        "symmetry": ("left", "lower"),
         "bending": told.in_plane,
     }
     networks = [

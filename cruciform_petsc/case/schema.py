@@ -93,7 +93,8 @@ class OutputTable(Table):
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
-    """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
+    """Files for other codes (docs/exports.md): crossovers.csv and preform.inp, of a forming
+    cells.csv and decks for Abaqus, CalculiX and OpenRadioss."""
     part_outline: OutlineTable | None = None
     """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
     rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
@@ -112,8 +113,8 @@ class OutputTable(Table):
         """The part's outline in plan, m."""
         if self.part_outline is None:
             return None
-        polygon = self.part_outline.build()
-        if self.part_outline.rectangle is None:
+        polygon, _ = self.part_outline.build()
+        if self.part_outline.polygon is not None or self.part_outline.file is not None:
             return polygon
         low, high = polygon.bounds[1], polygon.bounds[3]
         return shapely.affinity.translate(polygon, 0.0, -0.5 * (low + high))
@@ -169,6 +170,9 @@ class Case(Table):
         text, data = read_toml(path, "case file")
         # As paths that a resumed run, or one in another folder, still finds.
         paths = [(data.get("output"), "measured")]
+        for name, key in (("preform", "outline"), ("output", "part_outline")):
+            if isinstance(data.get(name), dict):
+                paths.append((data[name].get(key), "file"))
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
@@ -281,7 +285,7 @@ class Case(Table):
         for key, on in (
             ("continuum.compare", self.continuum.compare and not forming),
             ("continuum.second_gradient", forming and self.continuum.second_gradient),
-            ("output.exports", self.output.exports),
+            ("output.exports", self.output.exports and not forming),
             ("output.scene", forming and self.output.scene),
             ("output.measured", forming and self.output.measured is not None),
         ):
@@ -315,11 +319,8 @@ class Case(Table):
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
         if preform and forming and beside:
-            if self.clamps or any(stage.pressure or stage.suction for stage in self.stages):
-                problems.append(
-                    "a membrane beside a forming knows no [[clamp]], pressure and suction, leave "
-                    "these out, or continuum.compare and ladder"
-                )
+            if self.clamps:
+                problems.append("[[clamp]] is not for a forming with a membrane beside it")
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float

@@ -520,12 +520,12 @@ class YarnChanges(YarnTable):
     """[fabric] warp and weft beside from_datasheet: what replaces its estimates."""
 
     _needs_modulus: ClassVar[bool] = False
-    yarns: None = None  # type: ignore[assignment]
+    yarns: Annotated[Quantity, Of("1/m")] | None = None  # type: ignore[assignment]
     yarn_bending: Annotated[Quantity, Of("N*m**2")] | None = None  # type: ignore[assignment]
 
-    @field_validator("yarns", mode="before")
+    @field_validator("yarns")
     @classmethod
-    def _in_the_sheet(cls, yarns: Any) -> None:
+    def _in_the_sheet(cls, yarns: Quantity | None) -> None:
         if yarns is not None:
             raise ValueError("stands in fabric.from_datasheet, leave it out here")
 
@@ -540,6 +540,11 @@ class _Side(Read):
         sheet = info.data.get("from_datasheet", ...)  # not there: given, and wrong in itself
         model = YarnTable if sheet is None else YarnChanges
         return model.model_validate(value, context=info.context)
+
+    def json_schema(self, handler: Any) -> dict[str, Any]:
+        """See `Read`."""
+        tables = (YarnTable, YarnChanges)
+        return {"anyOf": [handler(table.__pydantic_core_schema__) for table in tables]}
 
 
 class ShearTable(Table):

@@ -23,13 +23,14 @@ from petsc4py import PETSc
 from ..elements.level import FORCE, STIFFNESS, room
 from ..forming.blank import Blank
 from ..items.item import Item, Placed, Work
+from ..items.loads import facets
 from ..net.network import Network
 from ..parallel import DistributedNodes, most
 from .fibres import fibre_measures, resultants
 from .mesh import yarn_mesh
 from .points import evaluate
 
-SAME = 1e-9  # of an edge: how far off it its nodes may lie
+SAME = 1e-9  # of the outline's size: how far off an edge its nodes may lie
 
 
 class Stretching(Item):
@@ -146,6 +147,8 @@ class Sheet:
             self.mesh, triangles, network.to_lab(np.eye(2)), network.fabric
         )
         self.further: list[Item] = []
+        self.loads = None  # of edges
+        self._planes: list[shapely.MultiLineString] = []
 
     @property
     def items(self) -> list[Item]:
@@ -159,11 +162,15 @@ class Sheet:
     def symmetry(self, edge: str) -> None:
         """See Constraints.symmetry: nodes of an edge stay in the upright plane through it."""
         segments = self.network.preform.edge(edge)
-        line = shapely.multilinestrings(segments)
-        near = SAME * np.ptp(np.reshape(line.bounds, (2, 2)), axis=0).max()
-        on = shapely.distance(line, shapely.points(self.nodes.rest[:, :2])) <= near
+        self._planes.append(shapely.multilinestrings(segments))
         along = abs(self.network.to_yarn(segments[0, 1] - segments[0, 0]))
+        on = self._on(self._planes[-1], self.nodes.rest[:, :2])
         self.fixed[on, along.argmin()] = True
+
+    def _on(self, line: shapely.MultiLineString, points: np.ndarray) -> np.ndarray:
+        """Which of some points (n, 2) lie on a line."""
+        near = SAME * self.network.preform.size.max()
+        return shapely.distance(line, shapely.points(points)) <= near
 
     def areas(self, at_hinge: float = 0.0) -> np.ndarray:
         """Area at rest that each node stands for, (n_local,), m^2. Collective.
@@ -189,12 +196,15 @@ class Sheet:
     def at(self, state: Placed, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (n, 3) and shear angle (n,) at points (n, 2) at rest. Collective.
 
-        Each rank asks for its own. The angle is the mean over triangles that meet there.
+        Each rank asks for its own. The angle is the mean over triangles that meet there: none in a
+        plane of symmetry, beyond which it is the opposite.
         """
         moved, shear = (dolfinx.fem.Function(space) for space in (self._space, self._constant))
         moved.x.array[:] = (state.x - self.nodes.rest)[self._number].ravel()
         shear.x.array[:] = self.stretching.measures(state)[:, 2]
         displacement, angle = evaluate(self.mesh, [moved, shear], points)
+        for plane in self._planes:
+            angle[self._on(plane, points)] = 0.0
         return displacement, angle[:, 0]
 
     def displacement(self, state: Placed) -> tuple[np.ndarray, np.ndarray]:
@@ -203,6 +213,16 @@ class Sheet:
         points = np.concatenate([network.crossover_position, network.node_position])
         moved = self.at(state, points)[0]
         return moved[: network.num_crossovers_owned], moved[network.num_crossovers_owned :]
+
+
+@facets.register
+def _(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+    """See facets: the membrane's own triangles."""
+    triangles = sheet.stretching.nodes
+    side = np.diff(sheet.nodes.rest[triangles][..., :2], axis=1)
+    clockwise = np.linalg.det(side) < 0.0
+    turned = np.where(clockwise[:, None], triangles[:, ::-1], triangles)
+    return turned, np.ones(len(turned))
 
 
 class MembraneBlank(Blank):
@@ -214,7 +234,7 @@ class MembraneBlank(Blank):
 
     def _lay(self, bending):
         sheet = Sheet(self.network, self.size)
-        for edge in sorted(self.symmetry):
+        for edge in self.symmetry:
             sheet.symmetry(edge)
         return sheet
 

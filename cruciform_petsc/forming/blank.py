@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
+import shapely
 
 from ..cloth.fabric import Fabric
 from ..elements.level import FORCE
@@ -20,6 +21,7 @@ from ..items.item import Item
 from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
+from ..items.trimmed import Trimmed
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -28,6 +30,9 @@ from ..parallel import most
 from ..tools.tool import Tool
 
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
+
+# Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
+_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,8 @@ class Blank:
         Ply -> Item: what else acts on the cloth.
     factors : mapping, optional
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
+    cuts : mapping, optional
+        What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
 
     Attributes
     ----------
@@ -114,6 +121,7 @@ class Blank:
         symmetry: Sequence[str] = (),
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
+        cuts: Mapping[str, shapely.Polygon] | None = None,
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -125,6 +133,7 @@ class Blank:
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
+        ply.cuts = cuts = cuts or {}
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
@@ -156,9 +165,14 @@ class Blank:
                 force = np.zeros_like(rest)
                 force[node, axis] = 1.0
                 pushes.append(DeadLoads(force, rest, owned, push_name(tool.name, axis)))
-        parts = [OfPart(item, self.cloth_at) for item in ply.items]
-        self.loads = [part for part in parts if part.is_load and part.item is not ply.loads]
-        self.clamps = [part.item for part in parts if isinstance(part.item, Clamp)]
+        self.clamps = [item for item in ply.items if isinstance(item, Clamp)]
+
+        def trimmed(item: Item) -> Item:
+            points = _POINTS.get(item.name, slice(0, 1))
+            return cast(Item, Trimmed(item, ply.nodes.rest[:, :2], cuts, points)) if cuts else item
+
+        parts = [OfPart(trimmed(item), self.cloth_at) for item in ply.items]
+        self.loads = [part for part in parts if part.is_load and part.name != ply.loads.name]
         items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)

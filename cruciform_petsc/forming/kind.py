@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
@@ -142,9 +143,25 @@ class Forming:
             bending=self.test.bending,
             symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
+            cuts=self._cuts(),
             factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
             **further,
         )
+
+    def _cuts(self) -> dict[str, shapely.Polygon]:
+        """What stays where stages trim the blank, by the factor that their plans send to 0."""
+        cuts, blank = {}, self.network.preform.outline
+        for i, stage in enumerate(self.stages):
+            if stage.trim is None:
+                continue
+            keep, name = stage.trim.build(), f"trim {i}"
+            blank = shapely.intersection(blank, keep)
+            if blank.is_empty:
+                raise InputError(f"stage[{i}].trim leaves nothing of the blank")
+            cuts[name] = keep
+            plan = self.plans[i]
+            self.plans[i] = replace(plan, factors={**plan.factors, name: 0.0})
+        return cuts
 
     # -- clamps and pressures -------------------------------------------------------------------
 

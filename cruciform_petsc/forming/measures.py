@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from itertools import combinations, product
 
@@ -31,24 +32,31 @@ class DrawIn:
     Attributes
     ----------
     edges : list of str
-        Straight sides by their names, other pieces of the outline by number; none in planes of
-        symmetry.
+        Straight sides and a user's edges by their names, other pieces of the outline by number;
+        none in planes of symmetry.
     """
 
     def __init__(self, blank: Blank):
         self.blank, network = blank, blank.network
         edges = network.preform.edges
         sides = {name: edges[name] for name in SIDES if name in edges}
-        known = {segment.tobytes() for segments in sides.values() for segment in segments}
+        named = sides | {
+            name: segments
+            for name, segments in edges.items()
+            if name not in SIDES and not re.fullmatch(r"(outline|hole)-\d+", name)
+        }
+        known = {segment.tobytes() for segments in named.values() for segment in segments}
         sides = {name: sides[name] for name in sides if name not in blank.symmetry}
+        named = {name: named[name] for name in named if name not in blank.symmetry}
         pieces = {
             name: segments
             for name, segments in edges.items()
             if name.startswith("outline-") and segments.tobytes() not in known
         }
-        told = sides | pieces
+        told = named | pieces
         if len(told) > MOST_EDGES:
-            told = {"outline": np.concatenate(list(told.values()))}
+            own = {name: segments for name, segments in named.items() if name not in sides}
+            told = own | {"outline": np.concatenate([*sides.values(), *pieces.values()])}
         ends = np.flatnonzero(network.node_is_boundary[: network.num_nodes_owned])
         points = shapely.points(network.node_position[ends])
         self._nodes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -126,7 +134,7 @@ def penetration(blank: Blank, state: State) -> float:
     depths = [
         -least(blank.comm, contact.fields(state)["distance"], 0.0)
         for contact in blank.contacts
-        if state.factors.get(contact.name, 1.0) > 0.0
+        if state.factors.get(contact.name, 1.0) == 1.0
     ]
     return max(depths, default=0.0)
 
@@ -135,7 +143,8 @@ def squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | N
     """What of tools no cloth could bear: words, reason, place (3,) at rest, number of nodes.
 
     A tool lies deeper in it than any would yield ("PIERCED"), or two that no force has moved there
-    leave no room between them ("CLOSED"); the worst of them, or None. Collective.
+    leave no room between them ("CLOSED"); the worst of them, or None. Not of tools on their way
+    out, through which cloth springs back. Collective.
     """
     looks, rest = _looks(blank, state), blank.ply.nodes.rest[blank.touching]
     deepest = (DEEPEST - 0.5) * blank.thickness  # of the middle of the cloth in a tool
@@ -178,7 +187,7 @@ def _looks(blank: Blank, state: State) -> dict[str, tuple[np.ndarray, np.ndarray
     """Distance from the middle of the cloth and normal in the lab, of each tool that is there."""
     looks = {}
     for contact in blank.contacts:
-        if state.factors.get(contact.name, 1.0) > 0.0:
+        if state.factors.get(contact.name, 1.0) == 1.0:  # one on its way out bears nothing for long
             distance, normal, _ = contact.surface.look(contact.local(state))
             looks[contact.name] = distance, normal @ contact.turn(state).T
     return looks

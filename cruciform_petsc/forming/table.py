@@ -9,13 +9,14 @@ from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+import shapely
 from pydantic import AfterValidator, Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems, unknown
 from ..experiments.table import KindTable
-from ..fields import Count, Name, Number, Of, Quantities, Size, Table, si_values
+from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
 from ..items.clamps import Clamp, clamp_name
 from ..items.nodes import PlyNodes
 from ..tools.motion import Motion, Pose
@@ -183,6 +184,34 @@ class FormingTable(KindTable):
         problems.tell()
 
 
+class TrimTable(Table):
+    """[[stage]] trim: what stays of the blank, on the flat, about the origin."""
+
+    radius: Size | None = None
+    """Of a circle. Example: `"60 mm"`"""
+    rectangle: Sides | None = None
+    """Width and length. Example: `["100 mm", "80 mm"]`"""
+    polygon: Ring | None = None
+    """Corners. Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]`"""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> TrimTable:
+        if (self.radius, self.rectangle, self.polygon).count(None) != 2:
+            raise ValueError("needs exactly one of radius, rectangle and polygon")
+        if self.polygon is not None and not self.build().is_valid:
+            raise ValueError(".polygon crosses or touches itself")
+        return self
+
+    def build(self) -> shapely.Polygon:
+        """Make it, in metres."""
+        if self.radius is not None:
+            return shapely.Point(0.0, 0.0).buffer(self.radius.si, quad_segs=64)
+        if self.rectangle is not None:
+            x, y = 0.5 * np.array(si_values(self.rectangle))
+            return shapely.box(-x, -y, x, y)
+        return shapely.Polygon([si_values(point) for point in self.polygon or ()])
+
+
 class StageTable(Table):
     """[[stage]]: what tools do next; what is not named stays as it was."""
 
@@ -201,6 +230,8 @@ class StageTable(Table):
     cloth. Example: `{ holder = "100 N" }`"""
     remove: list[Name] = Field(default=[])
     """Tools that are taken away. Example: `["holder"]`"""
+    trim: TrimTable | None = None
+    """What stays of the blank: cloth beyond is cut off. Example: `{ radius = "60 mm" }`"""
     release: list[Name] = Field(default=[])
     """Edges whose clamps let go. Example: `["left"]`"""
     pressure: Pressure | None = None
@@ -270,7 +301,7 @@ def check_stages(
         key = f'tool[{i}].name = "{name}"'
         if not re.fullmatch(r"\w(?:[\w -]{0,38}\w)?", name):
             problems.append(f'{key} must be of up to 40 letters, digits, "_", "-" and blanks')
-        elif name in TAKEN or name.startswith(("clamp ", "preload ")):
+        elif name in TAKEN or name.startswith(("clamp ", "preload ", "trim ")):
             problems.append(f"{key} is what the program calls something else, choose another")
         elif name in names[:i]:
             problems.append(f"{key} is another tool's name, too")
@@ -359,6 +390,11 @@ def check_pressure(
         known = [piece for name in (*test.symmetry, *sorted(holds)) for piece in preform.edge(name)]
         sure = {piece.tobytes() for piece in known}
         free = [name for name, e in pieces.items() if any(s.tobytes() not in sure for s in e)]
+        if any(earlier.trim is not None for earlier in stages[: i + 1]):
+            problems.append(
+                f"stage[{i}]: cloth is trimmed, so that its edge is free under pressure, {advice}"
+            )
+            break
         if free:
             problems.append(f'stage[{i}]: the edge "{free[0]}" is free under pressure, {advice}')
             break

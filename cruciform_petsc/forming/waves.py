@@ -174,7 +174,6 @@ class Waves:
                 tools_curvature[closest, family] = -(curved * np.sign(along[k]))[closest]
 
         waves = np.column_stack([u, again, *w])
-        waves[:, 2:][bridging > 0.0] = 0.0
         both = wide(np.column_stack([waves, -waves]))
         both = neighbours.largest(both, AROUND * longest)[hinge]
         goes_both_ways = np.maximum(np.minimum(*np.split(both, 2, axis=1)), 0.0)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from types import SimpleNamespace
 from typing import Any
 
@@ -237,7 +238,8 @@ def _cross_matrix(v: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
+@singledispatch
+def facets(ply: Any) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of the surface through a ply's arm ends, on the ranks that own their crossovers.
 
     Two kinds of quadrilaterals tile the cloth: around each crossover that of its four arm ends,

@@ -132,7 +132,7 @@ class _Run(_Table):
         allowed = self.path.allowed
         return (
             len({tuple(increment.energies) for increment in increments}) < 2
-            and self.path.target <= len(stages[stage])
+            and (len(stages) == 1 or stage == stage_number(before))
             and self.path.target == asked - sum(map(len, stages[:stage]))
             and len(self.states) == len(increments)
             and len({tuple(increment.columns) for increment in increments}) < 2
@@ -144,33 +144,27 @@ class _Run(_Table):
 
     def _is_of_kind(self, case: Case) -> bool:
         """Whether there are steps of a forming with its stages and tools, or mere increments."""
-        forming, names = isinstance(case.test, FormingTable), {tool.name for tool in case.tools}
-        return all(
-            (
-                step.stage == _stage_name(case, step.increment.control)
+        if not isinstance(case.test, FormingTable):
+            return not any(isinstance(step, FormingStep) for step in self.increments)
+        names, known = {tool.name for tool in case.tools}, set()
+        for step in self.increments:
+            if not isinstance(step, FormingStep):
+                return False
+            figures = asdict(step)
+            known.add(tuple(tuple(part) for part in figures.values() if isinstance(part, dict)))
+            if not (
+                figures.pop("stage") == _stage_name(case, step.increment.control)
                 and all(vectors.keys() == names for vectors in step.of_tools)
-                and _has_numbers(
-                    [step.work, *(list(v) for vs in step.of_tools for v in vs.values())]
-                )
-            )
-            if isinstance(step, FormingStep)
-            else not forming
-            for step in self.increments
-        )
+                and _has_numbers(figures)
+            ):
+                return False
+        return len(known) < 2  # of loads, clamps and whatever else: the same ones in all steps
 
-    def up_to(self, count: int, case: Case) -> _Run:
-        """What there was after so many increments; steps have no length of their own yet."""
-        done = bare(self.increments[:count])
-        stage = stage_number(done[-1].control) if case.stages else 0
-        asked = sum(increment.asked for increment in done)
-        path = _Path(
-            target=asked - sum(map(len, _values(case)[:stage])),
-            allowed=None,
-            load=done[-1].load if _is_by_load(case) else 0.0,
-            begin=float(stage),
-        )
-        more = {"increments": self.increments[:count], "states": self.states[:count]}
-        return self.model_copy(update={"path": path, **more})
+    def up_to(self, count: int, path: _Path) -> _Run:
+        """What there was after so many increments, on the path kept with the last of them."""
+        increments = self.increments[:count]
+        now = {"path": path, "increments": increments, "states": self.states[:count]}
+        return self.model_copy(update={"controls": [bare(increments)[-1].control], **now})
 
 
 def bare(steps: Sequence[Increment | FormingStep]) -> list[Increment]:
@@ -199,9 +193,11 @@ def _stage_name(case: Case, time: float) -> str | None:
 
 def _has_numbers(figures: Any) -> bool:
     """Whether all that there is are numbers that can be summed up and squared."""
-    if isinstance(figures, dict | list):
+    if isinstance(figures, dict | list | np.ndarray):
         parts = figures.values() if isinstance(figures, dict) else figures
         return all(map(_has_numbers, parts))
+    if figures is None:  # of a column that is not a number
+        return True
     return abs(figures) < (2**53 if isinstance(figures, int) else MOST)
 
 
@@ -260,7 +256,7 @@ class _Manifest(_Table, _Head):
     arrays: _Arrays
     rows: Annotated[list[Rows], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
-    run: _Run | None  # not of a state after an increment
+    run: _Run | _Path  # of a state after an increment the path that led to it
 
 
 def _plain(value: np.generic | np.ndarray) -> Any:
@@ -344,7 +340,7 @@ class _Part:
     @property
     def run(self) -> _Run:
         """What it takes to go on; a DamagedError if it is but a state."""
-        if self.manifest.run is None:
+        if not isinstance(self.manifest.run, _Run):
             raise _senseless(self.folder)
         return self.manifest.run
 
@@ -540,9 +536,17 @@ class Checkpoint:
                 f'there is no step {from_step} to go on from in "{self.directory}", which has come '
                 f"to step {count}"
             )
-        self._steps_back = from_step is not None
-        self._source, self._run = part, run.up_to(from_step, self.case) if from_step else run
-        self.steps, self._states = self._run.increments, list(self._run.states)
+        self._states = list(run.states)
+        if from_step is not None:
+            there = self._state(from_step - 1)
+            path = there.manifest.run
+            if not isinstance(path, _Path) or not run.up_to(from_step, path).is_way_through(
+                self.case
+            ):
+                raise InputError(f"{_senseless(there.folder)}; {ANEW}")
+            run, self._steps_back = run.up_to(from_step, path), True
+        self._source, self._run, self._states = part, run, list(run.states)
+        self.steps = run.increments
 
     def restore(
         self, model: Model, state_at: Callable[[float, np.ndarray], State]
@@ -604,21 +608,21 @@ class Checkpoint:
         An InputError on every rank if the place cannot be written to; the last good checkpoint is
         still there then.
         """
-        count = len(steps)
+        count, way = len(steps), {name: getattr(path, name) for name in _Path.model_fields}
         if count > len(self._states):
-            self._states.append(self._put(model, f"state-{count}", [state], None))
+            self._states.append(self._put(model, f"state-{count}", [state], way))
         run = {
             "case": self._data,
             "determines": self._determines,
             "increments": [asdict(step) for step in steps],
             "controls": [state.time for state in path.states],
-            "path": {name: getattr(path, name) for name in _Path.model_fields},
+            "path": way,
             "states": self._states,
         }
         self._put(model, NEWEST, path.states, run)
         self._newest_is_good = True
 
-    def _put(self, model: Model, name: str, states: list[State], run: dict | None) -> str:
+    def _put(self, model: Model, name: str, states: list[State], run: dict[str, Any]) -> str:
         """Write a folder and give it its name; returns the checksum of its manifest."""
         comm, nodes, own = self.comm, model.nodes, model.nodes.num_nodes_owned
         arrays = _Arrays.of(states)
@@ -757,7 +761,7 @@ def determines(case: Case) -> dict[str, Any]:
     """What the equilibria of a case depend on, as plain data: fabric, preform, test, tools, stages.
 
     Not the number of increments of a test and the steps of stages, which, like the solver's
-    options, only say how to get there. Of a tool's file what is in it counts. InputError if that
+    options, only say how to get there. Of a file what is in it counts. InputError if that
     cannot be read; not collective.
     """
     fabric = asdict(case.fabric())
@@ -769,6 +773,7 @@ def determines(case: Case) -> dict[str, Any]:
     data["test"].pop("increments", None)
     for stage in data.get("stage", []):
         stage.pop("step")
+    data["preform"]["outline"]["file"] = case.preform_table.outline.drawn
     for tool in data.get("tool", []):
         path = tool["shape"].get("file")
         if path is not None:

@@ -33,9 +33,10 @@ PATIENCE = 10.0  # s, with a run that was killed in the same folder: it takes a 
 OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
-    "crossovers.csv", "preform.inp", "forces.csv", "fields.csv", "tools.vtkhdf",
+    "crossovers.csv", "cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad",
+    "forces.csv", "fields.csv", "tools.vtkhdf",
     "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
-    "formed.png", "tool_forces.png", "draw_in.png",
+    "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
     "shear_against_load.png", "shear_force.png",

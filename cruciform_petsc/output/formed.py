@@ -262,7 +262,8 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     log.info("energy        %s", ", ".join(texts))
     continuum = summary.get("continuum", {})
     if "force_ratio" in continuum:
-        forces = ", ".join(f"{n} {ratio:.4f}" for n, ratio in continuum["force_ratio"].items())
+        ratios = {n: ratio for n, ratio in continuum["force_ratio"].items() if np.isfinite(ratio)}
+        forces = ", ".join(f"{name} {ratio:.4f}" for name, ratio in ratios.items())
         log.info("membrane      forces along z, network / membrane: %s", forces)
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
         text += ", after {time:.4g} stages"
@@ -399,6 +400,7 @@ def draw_all(
     drawn = {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
+        **_wrinkles(forming, formed.states[-1], title, summary),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
         ),
@@ -422,15 +424,26 @@ def draw_all(
     return written
 
 
+def _wrinkles(
+    forming: Forming, state: State, title: str, summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The picture of wrinkles' heights, where there are any. Collective."""
+    if not summary["wrinkles"]["area_share"]:
+        return {}
+    frame = _frame(forming, state, MM * _waves(forming.blank, state).height)
+    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
+
+
 def _of_the_way(states: Sequence[State]) -> list[State]:
     """Up to FRAMES of the states, evenly, and the last."""
     taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
     return [states[round(k)] for k in taken]
 
 
-def _frame(forming: Forming, state: State) -> scene.Frame:
+def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> scene.Frame:
     """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
 
+    ``values`` at this rank's crossovers, (n_owned,); by default the shear angle in degrees.
     Collective; nothing is in it on other ranks.
     """
     network, blank = forming.network, forming.blank
@@ -438,8 +451,9 @@ def _frame(forming: Forming, state: State) -> scene.Frame:
     every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
     taken = (network.crossover_ij % every == 0).all(axis=1)
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
-    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
+    if values is None:
+        values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, values])[taken])
     facets = [tool.surface.facets() for tool in forming.tools]
     tools: dict[bool, list[Facets]] = {True: [], False: []}
     for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):

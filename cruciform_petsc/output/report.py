@@ -49,6 +49,7 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
@@ -256,6 +257,8 @@ def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, s
         yield name, summary[key], angle_text(summary[key], "°")
     drawn = 1e-3 * max(summary["draw_in_mm"].values())
     yield "largest draw-in", drawn, si_text(drawn, "m")
+    height = 1e-3 * summary["wrinkles"]["largest_height_mm"]
+    yield "largest height of wrinkles", height, si_text(height, "m")
 
 
 def last_control(curve: Mapping[str, np.ndarray]) -> str:

@@ -93,7 +93,7 @@ class Frame:
     caption: str = ""
 
 
-def formed(frames: Sequence[Frame], title: str = "") -> Figure:
+def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_LABEL) -> Figure:
     """Draw a formed blank at some times, its yarns on it, among the tools. Not collective.
 
     Of tools what is near the cloth is shown; those from above are see-through, and cut open in
@@ -127,7 +127,7 @@ def formed(frames: Sequence[Frame], title: str = "") -> Figure:
     captions = [frame.caption for frame in frames]
     if len(captions) == 1:
         title, captions = f"{title}\n{captions[0]}".strip(), [""]
-    return _page(images, 1e3 * extent, colours, title, captions, pictures.SIZE_LABEL)
+    return _page(images, 1e3 * extent, colours, title, captions, label)
 
 
 def _looked_at(

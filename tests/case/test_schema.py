@@ -533,7 +533,11 @@ def test_bad_override(write, override):
             'fabric.use: there is no fabric "e-glas-plain" in the library '
             '(did you mean "e-glass-plain-2.4"? known: "' + '", "'.join(fabric_names()) + '")',
         ),
-        (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
+        (
+            ["preform.outline={}"],
+            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, polygon and "
+            "file",
+        ),
         (
             ['preform.outline={rectangle=["1 mm"]}'],
             "preform.outline.rectangle must be a list of 2, got 1",

@@ -14,7 +14,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.registry import KINDS, kind_class
 from cruciform_petsc.fields import tables_in
 
-NOT_FOR_FORMING = {"scene", "exports", "measured", "measured_columns"}
+NOT_FOR_FORMING = {"scene", "measured", "measured_columns"}
 SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -23,12 +24,7 @@ from cruciform_petsc.forming.measures import DrawIn
 
 COMM = MPI.COMM_SELF
 STIFF = replace(HARD, stiffness=1e8)
-
-
-def planes(cloth):
-    """Planes of symmetry through the pole."""
-    for edge in ("left", "lower"):
-        cloth.symmetry(edge)
+QUARTER = {"settings": STIFF, "symmetry": ("left", "lower")}
 
 
 def firmly(**options):
@@ -46,7 +42,7 @@ def test_networks_come_nearer_to_the_membrane():
         steps, states = formed(blank, *plans)
         if yarns == 2:
             size = 0.25 * blank.pitch
-            membrane = MembraneBlank(blank.network, blank.tools, size, settings=STIFF, edges=planes)
+            membrane = MembraneBlank(blank.network, blank.tools, size, **QUARTER)
             its, last = formed(membrane, *plans)
             it = membrane.of_cloth(last[-1])
             its_force = its[-1].tool_force["punch"][2]
@@ -78,13 +74,17 @@ def test_planes_of_symmetry():
     whole, plans = hemisphere(settings=STIFF)
     whole = MembraneBlank(whole.network, whole.tools, 1 / 120, settings=STIFF)
     quarter, its_plans = hemisphere(quarter=True, settings=STIFF)
-    quarter = MembraneBlank(quarter.network, quarter.tools, 1 / 120, settings=STIFF, edges=planes)
+    quarter = MembraneBlank(quarter.network, quarter.tools, 1 / 120, **QUARTER)
     (steps, states), (its, last) = formed(whole, *plans), formed(quarter, *its_plans)
     force, quarter_force = (s[-1].tool_force["punch"][2] for s in (steps, its))
     assert 4 * quarter_force == pytest.approx(force, rel=1e-3)
     points = quarter.ply.nodes.rest[:, :2]
-    u, v = (b.ply.at(b.of_cloth(s[-1]), points)[0] for b, s in ((whole, states), (quarter, last)))
+    (u, gamma), (v, sheared) = (
+        b.ply.at(b.of_cloth(s[-1]), points) for b, s in ((whole, states), (quarter, last))
+    )
     np.testing.assert_allclose(v, u, atol=2e-5)
+    np.testing.assert_allclose(sheared, gamma, atol=5e-3)
+    assert abs(gamma).max() > 0.3
 
 
 def test_from_a_case_file(tmp_path, capfd):
@@ -156,15 +156,28 @@ def test_a_membrane_that_cannot_be_formed(tmp_path, capfd, monkeypatch):
 def test_outlines_and_keys_that_it_is_not_for(tmp_path):
     continuum = '[continuum]\ncompare = true\n[[stage]]\nname = "draw"'
     here = '[[stage]]\nname = "draw"'
+    slit = '[[["12 mm", "28 mm"], ["40 mm", "28 mm"]]]'
+    clamped = '[[clamp]]\nedge = "left"\n' + continuum
     for changes, sentence in (
         (
             [('bias_angle = "0 deg"', 'bias_angle = "30 deg"'), (here, continuum)],
             "the membrane beside a forming needs an outline whose sides run along the yarns",
         ),
         (
+            [
+                ("outline = { rectangle", f"outline = {{ slits = {slit}, rectangle"),
+                (here, continuum),
+            ],
+            "the membrane beside a forming needs an outline without slits",
+        ),
+        (
+            [(here, clamped)],
+            "[[clamp]] is not for a forming with a membrane beside it",
+        ),
+        (
             [(here, continuum.replace("compare = true", "second_gradient = true"))],
             "continuum.second_gradient is not for forming, leave it out",
         ),
     ):
-        with pytest.raises(InputError, match=sentence):
+        with pytest.raises(InputError, match=re.escape(sentence)):
             Case.load(written(tmp_path, *changes))

@@ -21,6 +21,7 @@ from cruciform_petsc.elements.level import STIFFNESS
 from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.equilibrium.state import Hold, State
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.items.loads import PressureAbove, Suction, facets, gravity
 from cruciform_petsc.items.ply import Ply
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
@@ -177,3 +178,20 @@ def test_mesh_along_yarns():
     ):
         with pytest.raises(InputError, match="outline whose sides run along the yarns"):
             Sheet(Network(MPI.COMM_SELF, problem, UNEVEN), 4e-3)
+
+
+def test_pressure_and_weight():
+    """Suction and weight of a sheet: area times pressure, and times weight, all downwards."""
+    sheet = Sheet(network((50.0, 35.0)), 1 / 120)
+    triangles, weight = facets(sheet)
+    side = np.diff(sheet.nodes.rest[triangles][..., :2], axis=1)
+    assert 0.5 * np.linalg.det(side) @ weight == pytest.approx(50e-3 * 35e-3, rel=1e-12)
+    assert np.linalg.det(side).min() > 0.0
+    state = SimpleNamespace(x=sheet.nodes.rest, factors={}, memory={})
+    for load, whole in (
+        (Suction(sheet, -200.0), 200.0 * 50e-3 * 35e-3),
+        (PressureAbove(sheet, -200.0), 200.0 * 50e-3 * 35e-3),
+        (gravity(sheet, "test"), 9.80665 * 0.5 * 50e-3 * 35e-3),
+    ):
+        force = -load.work(state, STIFFNESS)[1].reshape(-1, 3).sum(axis=0)
+        np.testing.assert_allclose(force, [0.0, 0.0, -whole], atol=1e-12)

@@ -16,6 +16,7 @@ from cruciform_petsc.errors import EquilibriumError
 from cruciform_petsc.forming.failures import _pressing
 from cruciform_petsc.forming.measures import narrowest, squeezed
 from cruciform_petsc.output.checkpoint import Checkpoint
+from cruciform_petsc.output.folder import unlock_directory
 
 COMM = MPI.COMM_SELF
 TOOLS = CASE[CASE.index("[[tool]]") : CASE.index("[[stage]]")]
@@ -34,11 +35,11 @@ step = 0.2
 """
 
 
-def ended(folder, capfd, path):
+def ended(folder, capfd, path, command="run", *more):
     """What is told of a run that ends early, and its summary."""
     path.write_text(path.read_text() + "[output]\npictures = false\nreport = true\n")
     capfd.readouterr()
-    assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 2
+    assert main([command, str(path), "--output", str(folder), "--quiet", *more]) == 2
     told = capfd.readouterr().err
     assert "Traceback" not in told
     assert len(told.splitlines()) == 1
@@ -109,20 +110,24 @@ def test_room_between_plates(tmp_path):
 
 
 def test_without_equilibrium(tmp_path, capfd, monkeypatch):
-    """Too few Newton steps: tools that press there, nodes out of balance; then enough of them."""
-    path = written(tmp_path, ("-6 mm", "-10 mm"))
-    whole = kept(COMM, Case.load(path))
-    path.write_text(path.read_text() + "[solver]\noptions = { snes_max_it = 5 }\n")
+    """Too few Newton steps: nodes out of balance, how to go on; then enough of them."""
+    path, out = written(tmp_path), tmp_path / "out"
+    case = Case.load(path)
+    whole = kept(COMM, case)
+    assert kept(COMM, case, Checkpoint.begin(COMM, out, case), 2) is None
+    unlock_directory(out)
     with monkeypatch.context() as patch:
         patch.setattr("cruciform_petsc.equilibrium.follow.MOST_CUTS", 0)
-        told, summary = ended(tmp_path / "out", capfd, path)
-    assert 'no equilibrium beyond 0 % of stage "draw" (no equilibrium found, DIVERGED_MAX' in told
+        few = ["--set", "solver.options.snes_max_it=1"]
+        told, summary = ended(out, capfd, path, "resume", *few)
+    assert 'no equilibrium beyond 50 % of stage "draw" (no equilibrium found, DIVERGED_MAX' in told
     assert "; forces are out of balance at " in told
+    assert "of the flat blank" in told
     assert 'resume CASE --from-step 1 --set "stage[1].step=0.25"' in told
-    assert summary["stages"][0]["steps"] == 1
-    more = ["--set", "solver.options.snes_max_it=30", "--output", str(tmp_path / "out"), "--quiet"]
+    assert summary["stages"][1]["steps"] == 1
+    more = ["--from-step", "1", "--output", str(out), "--quiet"]
     assert main(["resume", str(path), *more]) == 0
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    summary = json.loads((out / "summary.json").read_text())
     assert "ended_early" not in summary
     force = whole.steps[-1].tool_force["punch"]
     np.testing.assert_allclose(summary["tool_force_n"]["punch"], force, rtol=0, atol=1e-9)

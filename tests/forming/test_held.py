@@ -161,3 +161,28 @@ def test_a_draw_from_clamps(tmp_path):
     assert forming.blank.slipped(released)[0]["left"] >= slipped["left"]
     edges = DrawIn(forming.blank)
     assert edges.largest(released)["left"] > edges.largest(drawn)["left"]
+
+
+def test_a_cup_is_trimmed_and_springs_back(tmp_path):
+    """The flange is cut off, tools are taken away: what is left has less shear and no force."""
+    draw = 'travel = { punch = ["0 mm", "0 mm", "-6 mm"] }'
+    off = (
+        '[[stage]]\nname = "trim"\ntrim = { radius = "16 mm" }\nstep = 0.5\n'
+        '[[stage]]\nname = "off"\nremove = ["punch", "holder"]\nstep = 0.5\n'
+    )
+    path = written(tmp_path, *QUARTER, (draw, draw))
+    path.write_text(path.read_text() + off)
+    forming, result = formed(COMM, path)
+    blank, state = forming.blank, result.states[-1]
+    fields = blank.ply.fields(blank.of_cloth(state))
+    gone = np.hypot(*blank.network.crossover_position.T) > 16e-3
+    assert gone.any()
+    np.testing.assert_array_equal(fields["carrying"], ~gone)
+    before = {step.stage: step.increment for step in result.steps}
+    energy = {stage: sum(i.energies[m] for m in ("tension", "shear", "out_of_plane_bending"))
+              for stage, i in before.items()}  # fmt: skip
+    assert energy["trim"] < 0.9 * energy["draw"]
+    assert energy["off"] < 0.5 * energy["trim"]
+    assert before["off"].shear_max < before["draw"].shear_max
+    for force in result.steps[-1].tool_force.values():
+        assert abs(force[2]) < 1e-3

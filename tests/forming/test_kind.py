@@ -3,6 +3,7 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from support.forming import CASE, formed, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
+from cruciform_petsc.cloth.fabric import Fabric
+from cruciform_petsc.cloth.preform import PreformTable
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import DrawIn, penetration
 from cruciform_petsc.forming.press import stage_number
@@ -71,6 +74,25 @@ def test_draw_in_is_inwards_by_edge(cup):
     drawn = DrawIn(blank).largest(state.moved(x - state.x))
     expected = {"lower": 1e-3, "upper": -1e-3, "left": 2.8e-3, "right": 2.8e-3}
     assert drawn == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("outline", "own", "told"),
+    [
+        ({"circle": "60 mm"}, {}, ["rim"]),
+        ({"rectangle": ["60 mm", "80 mm"]}, {"grip": {"of": ["lower", "left"]}},
+         ["lower", "upper", "left", "right", "grip"]),
+        ({"slot": ["60 mm", "120 mm"]}, {}, ["left", "right", "arc-1", "arc-2"]),
+        ({"ellipse": ["60 mm", "80 mm"]},
+         {"a": {"start": ["0 mm", "0 mm"], "end": ["30 mm", "40 mm"]}}, ["rim", "a"]),
+    ],
+)  # fmt: skip
+def test_edges_whose_draw_in_is_told(outline, own, told):
+    """Arcs and edges of the user's by their names, each piece of the outline once more at most."""
+    table = {"outline": outline, "bias_angle": "0 deg", "edges": own}
+    preform = PreformTable.from_data(table, "preform").build().centred()
+    network = Network(COMM, preform, Fabric.from_library("glass-pp-plain-1.93"))
+    assert DrawIn(SimpleNamespace(network=network)).edges == told
 
 
 def test_removed_tools_press_no_more(tmp_path):
@@ -174,6 +196,8 @@ def test_pictures_and_report(tmp_path):
     for text in ("Forming", "punch, force along z", "[[tool]]", "[[stage]]", "Wrinkles start from"):
         assert text.lower() in page.lower()
     assert page.count("<img") == len(drawn)
+    assert ("wrinkles.png" in drawn) == ("formed.png" in drawn)
+    assert "largest height of wrinkles" in page
 
 
 def test_series_of_cloth_and_tools(tmp_path):

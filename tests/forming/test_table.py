@@ -76,6 +76,13 @@ TEST = 'imperfection = { height = "0 mm" }'
         (CLOSE, 'remove = ["punch"]', 'stage[1].travel: tool "punch" was removed in an earlier'),
         (TEST, 'symmetry = ["front"]', 'test.symmetry[0] must be "left", "right", "lower" or'),
         (TEST, 'symmetry = "left"', "line 15: test.symmetry must be a list"),
+        (DRAW, "trim = {}", "stage[1].trim needs exactly one of radius, rectangle and polygon"),
+        (DRAW, 'trim = { radius = "0 mm" }', "stage[1].trim.radius must be positive"),
+        (
+            DRAW,
+            'trim = { polygon = [["0 m", "0 m"], ["1 m", "1 m"], ["1 m", "0 m"], ["0 m", "1 m"]] }',
+            "stage[1].trim.polygon crosses or touches itself",
+        ),
         (DRAW, 'release = ["left"]', 'stage[1].release: there is no [[clamp]] of the edge "left"'),
         (DRAW, 'suction = "5 N"', 'line 34: stage[1].suction = "5 N" has the'),
         (DRAW, 'pressure = 5', "stage[1].pressure is the bare number 5"),
@@ -197,6 +204,10 @@ def test_pressure_on_edges_let_go(tmp_path):
     path = written(tmp_path, on, end)
     path.write_text(path.read_text() + off)
     Case.load(path)
+    path = written(tmp_path, on)
+    path.write_text(path.read_text() + off.replace('release = ["upper"]', 'trim.radius="9 mm"'))
+    with pytest.raises(InputError, match=r"stage\[3\]: cloth is trimmed, so that its edge is free"):
+        Case.load(path)
     path = written(tmp_path, on)
     path.write_text(path.read_text() + off)
     with pytest.raises(

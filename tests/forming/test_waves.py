@@ -108,6 +108,22 @@ def test_a_sine_has_its_amplitude(base, tool, way):
     assert coarse == pytest.approx(waved(1e-3, 0.03), rel=0.05)
 
 
+def test_folds_that_run_down_a_sphere():
+    """Ten around, up to 31 mm apart and closer above: their height, 0.8 mm."""
+
+    def folded(rest):
+        rho, phi = np.hypot(rest[:, 0], rest[:, 1]), np.arctan2(rest[:, 1], rest[:, 0])
+        lift = 0.8e-3 * (1.0 + np.sin(10.0 * phi)) * np.clip((rho - 20e-3) / 15e-3, 0.0, 1.0)
+        place = on_sphere(rest) + [0.0, 0.0, RADIUS]
+        return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] - [0.0, 0.0, RADIUS]
+
+    waves, figures, blank = measured(folded, [BALL], size=(104, 104))
+    assert figures["wrinkles"]["largest_height_mm"] == pytest.approx(0.8, rel=0.1)
+    assert figures["bridging"]["largest_gap_mm"] == 0.0
+    pole = np.linalg.norm(blank.network.crossover_position, axis=1) < 12e-3
+    assert waves.height[pole].max() < 0.1e-3
+
+
 def over_an_edge(rest, radius=6e-3, angle=0.87):
     """Flat, then bent over a radius by 50 degrees, then straight."""
     around = radius + HALF

@@ -146,6 +146,22 @@ def test_every_kind_goes_on_from_each_increment(tmp_path, kind):
             np.testing.assert_allclose(found, wanted.node_displacement, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_goes_on_from_an_earlier_increment(tmp_path, kind):
+    """Other than the last one: the same increments once more, and the same curve."""
+    case = case_of(*KINDS[kind])
+    whole = solve(case)
+    controls = [increment.control for increment in whole.increments]
+    assert solve(case, Checkpoint.begin(COMM, tmp_path, case)) is not None
+    for step in sorted({1, len(controls) // 2, len(controls) - 1}):
+        checkpoint = Checkpoint.resume(COMM, tmp_path, case, step)
+        assert len(checkpoint.increments) == step
+        result = solve(case, checkpoint)
+        found = [increment.control for increment in result.increments]
+        assert found == pytest.approx(controls, rel=SAME)
+        curves_agree(result, whole)
+
+
 class Drag(Item):
     """Springs from each node to where it was in the state accepted last; counts these states."""
 
@@ -193,6 +209,14 @@ def test_what_items_remember_is_kept(tmp_path, dragged, undisturbed):
         folder = tmp_path / str(stop)
         assert solve(case_of(), Checkpoint.begin(COMM, folder, case_of()), stop) is None
         curves_agree(solve(case_of(), Checkpoint.resume(COMM, folder)), whole)
+
+
+def test_what_items_remember_of_an_earlier_increment(tmp_path, dragged):
+    """It is what they accepted then, not what the state was found with."""
+    whole = solve(case_of())
+    assert solve(case_of(), Checkpoint.begin(COMM, tmp_path, case_of()), 6) is None
+    result = solve(case_of(), Checkpoint.resume(COMM, tmp_path, from_step=4))
+    curves_agree(result, whole)
 
 
 def test_killed_again_and_again(tmp_path, undisturbed):

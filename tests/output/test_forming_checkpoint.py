@@ -15,7 +15,8 @@ from support.forming import CASE, LONG, kept, same_end, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
-from cruciform_petsc.errors import InputError
+from cruciform_petsc.equilibrium import follow
+from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.output.checkpoint import Checkpoint, _differences, determines
 from cruciform_petsc.output.folder import unlock_directory
 
@@ -29,17 +30,23 @@ def long_case(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(long_case):
-    """It touches all that has to be kept: cut steps, tools pushed and stopped, a fading contact."""
-    result = kept(COMM, long_case)
-    assert max(step.increment.cuts for step in result.steps) > 0
-    return result
+    """It touches all that has to be kept: tools pushed and stopped, a contact that fades."""
+    return kept(COMM, long_case)
 
 
 @pytest.fixture(scope="module")
-def killed(long_case, tmp_path_factory):
-    """Killed after eight of ten steps, in the third stage of four."""
+def count(whole):
+    """Steps up to the first one within the third stage of four, where the run is killed."""
+    times = [step.increment.control for step in whole.steps]
+    found = 1 + next(number for number, time in enumerate(times) if time > 2.0)
+    assert times[found - 1] < 3.0
+    return found
+
+
+@pytest.fixture(scope="module")
+def killed(long_case, count, tmp_path_factory):
     folder = tmp_path_factory.mktemp("killed")
-    assert kept(COMM, long_case, Checkpoint.begin(COMM, folder, long_case), 8) is None
+    assert kept(COMM, long_case, Checkpoint.begin(COMM, folder, long_case), count) is None
     return folder
 
 
@@ -61,9 +68,10 @@ def states_agree(one, other):
             np.testing.assert_array_equal(mine.hold.rotations[tool], turn)
 
 
-@pytest.mark.parametrize("stop", [1, 7, 10])
-def test_goes_on_from_each_stage(tmp_path, long_case, whole, stop):
+@pytest.mark.parametrize("time", [1.0, 2.0, 2.9, 4.0])
+def test_goes_on_from_each_stage(tmp_path, long_case, whole, time):
     """To the last bit: within stages and at their ends, and where all is done."""
+    stop = sum(step.increment.control <= time for step in whole.steps)
     assert kept(COMM, long_case, Checkpoint.begin(COMM, tmp_path, long_case), stop) is None
     checkpoint = Checkpoint.resume(COMM, tmp_path)
     assert len(checkpoint.steps) == stop
@@ -71,6 +79,38 @@ def test_goes_on_from_each_stage(tmp_path, long_case, whole, stop):
     result = kept(COMM, long_case, checkpoint)
     same_end(result, whole)
     states_agree(result, whole)
+
+
+HELD = """[[clamp]]
+edge = "right"
+stiffness = "20 N/mm"
+preload = "0.2 N"
+friction_limit = "0.3 N"
+[[clamp]]
+edge = "upper"
+"""
+
+
+def test_clamps_suction_and_symmetry(tmp_path):
+    """Whatever else there is: clamps that slip, loads that are lagged, planes of symmetry."""
+    changes = (
+        ('["56 mm", "56 mm"]', '["28 mm", "28 mm"]'),
+        ('kind = "forming"', 'kind = "forming"\ngravity = true\nsymmetry = ["left", "lower"]'),
+        ('name = "draw"', 'name = "draw"\nsuction = "50 Pa"'),
+    )
+    case = Case.load(written(tmp_path, *changes, text=CASE + HELD))
+    alone = kept(COMM, case)
+    clamp = next(name for name in alone.states[-1].memory if "right" in name)
+    assert alone.states[-1].memory[clamp]["slipped"].max() > 0.0
+    for stop in range(1, len(alone.steps)):
+        folder = tmp_path / str(stop)
+        assert kept(COMM, case, Checkpoint.begin(COMM, folder, case), stop) is None
+        result = kept(COMM, case, Checkpoint.resume(COMM, folder))
+        same_end(result, alone)
+        states_agree(result, alone)
+        assert result.steps[-1].load_work == alone.steps[-1].load_work
+        for edge, force in alone.steps[-1].clamp_force.items():
+            np.testing.assert_array_equal(result.steps[-1].clamp_force[edge], force)
 
 
 def test_killed_again_and_again(tmp_path):
@@ -86,9 +126,28 @@ def test_killed_again_and_again(tmp_path):
     states_agree(result, alone)
 
 
-@pytest.mark.parametrize("step", [5, 8])
-def test_from_an_earlier_step(copy, whole, long_case, step):
+def test_steps_that_were_cut_stay_short(tmp_path, monkeypatch):
+    """One that failed twice is followed by those that it would have been followed by."""
+    case, settle, times = Case.load(written(tmp_path)), follow.settle, [1.5, 1.25]
+
+    def failing(equilibrium, guess):
+        if guess.time in times:
+            times.remove(guess.time)
+            raise EquilibriumError("no", "NO", [])
+        return settle(equilibrium, guess)
+
+    monkeypatch.setattr(follow, "settle", failing)
+    alone = kept(COMM, case)
+    times[:] = [1.5, 1.25]
+    assert [step.increment.control for step in alone.steps[1:3]] == [1.125, 1.3125]
+    assert kept(COMM, case, Checkpoint.begin(COMM, tmp_path, case), 2) is None
+    same_end(kept(COMM, case, Checkpoint.resume(COMM, tmp_path)), alone)
+
+
+@pytest.mark.parametrize("back", [3, 0])
+def test_from_an_earlier_step(copy, whole, long_case, count, back):
     """What came after it is given up, and the newest checkpoint is the one gone on from."""
+    step = count - back
     checkpoint = Checkpoint.resume(COMM, copy, from_step=step)
     assert len(checkpoint.steps) == step
     assert kept(COMM, long_case, checkpoint, step + 1) is None
@@ -123,12 +182,11 @@ def test_killed_as_an_earlier_step_is_gone_on_from(copy, whole, long_case, monke
     assert result.steps[-1].increment.control == 4.0
 
 
-@pytest.mark.parametrize("step", [0, 9, -1])
-def test_steps_that_are_not_there(copy, step):
-    with pytest.raises(
-        InputError, match=f"no step {step} to go on from in .*, which has come to step 8"
-    ):
-        Checkpoint.resume(COMM, copy, from_step=step)
+def test_steps_that_are_not_there(copy, count):
+    for step in (0, count + 1, -1):
+        told = f"no step {step} to go on from in .*, which has come to step {count}"
+        with pytest.raises(InputError, match=told):
+            Checkpoint.resume(COMM, copy, from_step=step)
 
 
 def changed(case, *names_and_value):
@@ -157,11 +215,11 @@ def test_other_cases_are_refused(killed, long_case, key):
     assert told in str(caught.value)
 
 
-def test_steps_output_and_solver_may_change(killed, long_case):
+def test_steps_output_and_solver_may_change(killed, long_case, count):
     other = changed(long_case, "stage", 3, "step", 0.1)
     other = changed(other, "solver", {"options": {"snes_max_it": 50}})
     other = changed(other, "title", "another")
-    assert len(Checkpoint.resume(COMM, killed, other).steps) == 8
+    assert len(Checkpoint.resume(COMM, killed, other).steps) == count
 
 
 def test_a_tools_file_may_move_but_not_change(tmp_path):
@@ -189,6 +247,10 @@ FORGED = {
     "a force without end": setting(*STEP, "tool_force", "die", [0.0, 0.0, 1e300]),
     "a force of text": setting(*STEP, "tool_force", "die", ["0", "0", "1"]),
     "a place that is no number": setting(*STEP, "tool_place", "die", [0.0, 0.0, float("nan")]),
+    "work of a load that is not there": setting(*STEP, "load_work", {"gravity": 1.0}),
+    "work of a load that overflows": setting(*STEP, "load_work", {"gravity": 1e300}),
+    "dissipation that overflows": setting(*STEP, "spent", "friction", -1e300),
+    "a clamp that is not there": setting(*STEP, "clamp_force", {"left": [0.0, 0.0, 1.0]}),
     "work that is no number": setting(*STEP, "work", float("inf")),
     "another stage": setting(*STEP, "stage", "draw"),
     "a stage of escapes": setting(*STEP, "stage", "\x1b[2J"),
@@ -263,10 +325,10 @@ def test_resumed_by_the_command(tmp_path, capfd):
         unlock_directory(out)
         capfd.readouterr()
         assert main(["resume", str(out), *options]) == 0
-        count = 1 if options else 2
+        former = 1 if options else 2
         assert f'going on from {100 if options else 50} % of stage "' in capfd.readouterr().out
         summary = json.loads((out / "summary.json").read_text())
-        assert summary["resumed_after_steps"] == count
+        assert summary["resumed_after_steps"] == former
         assert [stage["steps"] for stage in summary["stages"]] == [1, 2]
         assert rows_of(out) == rows_of(alone)
         for name in ("fields.csv", "outline.csv"):

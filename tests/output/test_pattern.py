@@ -74,19 +74,21 @@ def test_where_the_cloth_does_not_reach(tmp_path):
     assert [layer.get("id") for layer in layers] == [FLAT, DRAWN_IN, PART]
 
 
-def test_cloth_over_itself():
-    """Folded by 180 degrees: the upper layer is taken, with a word."""
+@pytest.mark.parametrize("height", [5e-3, -5e-3])
+def test_cloth_over_itself(height):
+    """Folded by 180 degrees, up or down: the upper layer is taken, with a word."""
 
     def folded(rest):
         x, over = rest[:, 0].copy(), rest[:, 0] > 20e-3
         x[over] = 40e-3 - x[over]
-        return np.stack([x, rest[:, 1], np.where(over, 5e-3, 0.0)], axis=1)
+        return np.stack([x, rest[:, 1], np.where(over, height, 0.0)], axis=1)
 
     forming, state = shaped(folded)
     table, remarks = mapped_back(forming, state, shapely.box(-45e-3, -20e-3, 5e-3, 20e-3))
     assert "lies over itself" in remarks[0]
     upper = table[(table[:, 3] > -10e-3) & (table[:, 3] < 4e-3)]
-    np.testing.assert_allclose(upper[:, 1], 40e-3 - upper[:, 3], atol=1e-6)
+    wanted = 40e-3 - upper[:, 3] if height > 0.0 else upper[:, 3]
+    np.testing.assert_allclose(upper[:, 1], wanted, atol=1e-6)
 
 
 def test_dxf_has_the_same_layers(tmp_path):

@@ -2,11 +2,13 @@
 """Forming on several ranks: fields, forces and files as on one."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
+from support.exported import read_table
 from support.forming import CASE, formed, written
 
 from cruciform_petsc.case.schema import Case
@@ -15,6 +17,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import contact_fields, shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.exports import export_formed
 from cruciform_petsc.output.pattern import mapped_back
 
 COMM = MPI.COMM_WORLD
@@ -67,6 +70,18 @@ def test_fields_are_those_of_one_rank(tmp_path):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6 * STROKE)
     else:
         assert len(ours) == 0
+    for folder in ("many", "one"):
+        (tmp_path / folder).mkdir(exist_ok=True)
+    files = export_formed(tmp_path / "many", forming, state)
+    if COMM.rank == 0:
+        known = export_formed(tmp_path / "one", alone, one)
+        table, all_table = read_table(files[0]), read_table(known[0])
+        assert list(table) == list(all_table)
+        for name, values in all_table.items():
+            np.testing.assert_allclose(table[name], values, rtol=0, atol=1e-4, err_msg=name)
+        for path, other in zip(files[1:], known[1:], strict=True):
+            pieces = [re.split(r"[\d.e+ -]+", p.read_text()) for p in (path, other)]
+            assert pieces[0] == pieces[1], path.name
     moments = (s.steps[-1].tool_moment["holder"] for s in (result, formed_alone))
     np.testing.assert_allclose(*moments, rtol=0, atol=1e-5)
 
