@@ -339,8 +339,10 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .output.folder import LOG, OF_CALIBRATION, locked
     from .output.log import kept
 
-    with locked(comm, directory, (*OF_CALIBRATION, LOG), args.log), kept(comm, directory, args.log):
+    names = (*OF_CALIBRATION, LOG)
+    with locked(comm, directory, names, args.log), kept(comm, directory, args.log) as keep_log:
         calibrate_case(comm, case, args.data, directory, args.log, **more)
+        keep_log()
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:

@@ -228,9 +228,10 @@ def read_side(path: str | Path, which: str | None = None) -> Side:
         every = np.ones(len(measured.force), bool)
         return Side(str(path), path.name, "measured", columns, every, measured.notes)
     if not os.path.exists(path / "curve.csv"):
-        raise InputError(
-            f'the folder "{path}" has no curve.csv, so it does not hold the results of a run'
-        )
+        problem = "has no curve.csv, so it does not hold the results of a run"
+        if os.path.exists(path / "forces.csv"):
+            problem = "is of a forming, which has no curve over one thing to compare"
+        raise InputError(f'the folder "{path}" {problem}')
     columns = _table(path / "curve.csv")
     asked = columns.get("asked", np.ones(1)) > 0
     asked = np.broadcast_to(asked if asked.any() else True, next(iter(columns.values())).shape)

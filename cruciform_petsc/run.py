@@ -83,8 +83,8 @@ def run_case(
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
     with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        with logs.kept(comm, directory, log, more=checkpoint is not None):
-            return kind(comm, case, directory, log, checkpoint).run()
+        with logs.kept(comm, directory, log, more=checkpoint is not None) as keep_log:
+            return kind(comm, case, directory, log, checkpoint, keep_log).run()
 
 
 def _size(case: Case) -> str:
@@ -153,6 +153,7 @@ class _Run:
     directory: Path
     log: logging.Logger
     checkpoint: Checkpoint | None
+    keep_log: Callable[[], None]
     measured: MeasuredCurve | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     failure: SolverError | None = None
@@ -246,6 +247,7 @@ class _Run:
             replaced = remove_results(self.comm, self.directory)
             if replaced:
                 log.info("%sreplaces the results of %s", INDENT, replaced)
+        self.keep_log()
         if self.checkpoint is not None:
             command = resume_command(self.directory, self.comm.size)
             log.info("%sif interrupted, continue with: %s", INDENT, command)

@@ -439,7 +439,8 @@ class _Sweep:
                 results.append(run.figures.get(name, math.nan))
             ends.append((quantity(name).axis, series))
         path = self.directory / OF_SWEEP[1]
-        pictures.save(self.comm, path, pictures.swept, first.label, labels, lines, ends)
+        title = pictures.plain_text(good[0].case["title"])
+        pictures.save(self.comm, path, pictures.swept, first.label, labels, lines, ends, title)
 
 
 def _shown(figures: Mapping[str, float]) -> list[str]:

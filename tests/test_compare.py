@@ -111,4 +111,8 @@ def test_refused(tmp_path, capsys, by, said):
     told = capsys.readouterr().err
     assert said in told
     assert len(told.splitlines()) == 1
+    (tmp_path / "forming").mkdir()
+    (tmp_path / "forming" / "forces.csv").write_text("stage,asked\n")
+    assert main(["compare", str(one), str(tmp_path / "forming")]) == 2
+    assert "is of a forming" in capsys.readouterr().err
     assert set(BY) == {"displacement", "strain", "shear"}

@@ -168,9 +168,13 @@ def test_the_log_is_kept(tmp_path):
     assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  ", line) for line in told)
     assert sum("Newton iterations" in line and "extension" in line for line in told) == 2
     log.write_text("of old\n")
+    with pytest.raises(InputError):  # refused before anything is replaced
+        run_case(MPI.COMM_SELF, case(output={"measured": "none.csv"}), log.parent, LOG)
+    assert log.read_text() == "of old\n"
     assert main([*words, "--set", "test.extension=90 mm", "--set", "preform.bias_angle=0 deg"]) == 2
     told = log.read_text()
     assert "of old" not in told
+    assert told.splitlines()[0].endswith("untitled")  # from the beginning
     assert "a yarn is stretched to more than twice its length" in told.splitlines()[-1]
 
 

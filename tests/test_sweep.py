@@ -170,7 +170,7 @@ def made_up(monkeypatch, case):
     program = case.with_name("made_up.py")
     program.write_text(MADE_UP)
     monkeypatch.setattr(sweep, "PROGRAM", [sys.executable, str(program)])
-    monkeypatch.setattr(sweep, "_without_folder", lambda case: case and 1)
+    monkeypatch.setattr(sweep, "_without_folder", lambda case: case and {"title": "$t"})
 
     def started():
         log = case.with_name("log")

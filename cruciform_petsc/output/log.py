@@ -8,8 +8,9 @@ import os
 import platform
 import resource
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from logging.handlers import MemoryHandler
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,36 +57,40 @@ class Stages:
 @contextmanager
 def kept(
     comm: MPI.Intracomm, directory: Path, log: logging.Logger, more: bool = False
-) -> Iterator[None]:
+) -> Iterator[Callable[[], None]]:
     """Have the log written to a file of a locked folder, too, while the block runs. Collective.
 
-    With the time of each line, and what ended the block early; ``more``: behind what is there. A
-    line that cannot be written is lost. InputError on every rank if the file cannot be made.
+    From when the block calls what it gets: the file then has all lines since its beginning, with
+    their times, and what ends the block early; before, nothing is touched. ``more``: behind what is
+    there. A line that cannot be written is lost. Calling is collective, an InputError on every rank
+    if the file cannot be made.
     """
-    path, made = directory / LOG, list[logging.Handler]()
+    path, lines = directory / LOG, MemoryHandler(1, flushLevel=logging.CRITICAL + 1)
+    lines.handleError = lambda record: None  # type: ignore[method-assign]
 
     @explaining(f'"{path}" cannot be written')
     def make() -> None:
         claim(path)
-        handler = logging.FileHandler(path, "a" if more else "w", "utf-8", errors="replace")
-        handler.setFormatter(process.LogLines("%(asctime)s  %(message)s", "%Y-%m-%d %H:%M:%S"))
-        handler.handleError = lambda record: None  # type: ignore[method-assign]
-        log.addHandler(handler)
-        made.append(handler)
+        file = logging.FileHandler(path, "a" if more else "w", "utf-8", errors="replace")
+        file.setFormatter(process.LogLines("%(asctime)s  %(message)s", "%Y-%m-%d %H:%M:%S"))
+        file.handleError = lines.handleError  # type: ignore[method-assign]
+        lines.setTarget(file)
+        lines.flush()
 
-    on_root(comm, make)
+    if comm.rank == 0:
+        log.addHandler(lines)
     try:
-        yield
+        yield lambda: on_root(comm, make)
     except BaseException as error:
         words = str(error) if isinstance(error, CruciformError) else type(error).__name__
-        for handler in made:  # those who look at the log are told elsewhere
-            handler.handle(logging.LogRecord(log.name, logging.ERROR, "", 0, words, None, None))
+        # Those who look at the log are told elsewhere.
+        lines.handle(logging.LogRecord(log.name, logging.ERROR, "", 0, words, None, None))
         raise
     finally:
-        for handler in made:
-            log.removeHandler(handler)
+        log.removeHandler(lines)
+        if lines.target is not None:
             with suppress(OSError):  # the disk is full
-                handler.close()
+                lines.target.close()
 
 
 def peak_mib(comm: MPI.Intracomm) -> list[float]:

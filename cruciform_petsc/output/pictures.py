@@ -348,6 +348,7 @@ def swept(
     labels: tuple[str, str],
     lines: Sequence[tuple[float | str, str, Values, Values]],
     ends: Sequence[tuple[str, Mapping[str, tuple[list, list]]]],
+    title: str = "",
 ) -> Figure:
     """Draw a sweep: curves in the colours of the varied key's values, and results over that key.
 
@@ -379,11 +380,13 @@ def swept(
     for axes, (_, series) in zip(every[bool(lines) :], ends, strict=True):
         for i, (other, (x, y)) in enumerate(series.items()):
             label = plain_text(other).lstrip("_")
-            axes.plot(x, y, label=label if i < MOST_LABELS else None, **_line_style(i, 0))
+            style = _line_style(i, 0) | ({"linestyle": ""} if isinstance(x[0], str) else {})
+            axes.plot(x, y, label=label if i < MOST_LABELS else None, **style)
         if len(series) > 1:
             axes.legend()
         axes.margins(y=0.1)
         axes.set_ylim(min(0.0, axes.get_ylim()[0]), max(0.0, axes.get_ylim()[1]))
+    figure.suptitle(title)
     return figure
 
 

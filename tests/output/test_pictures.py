@@ -617,3 +617,32 @@ def test_files_of_a_run(tmp_path, small):
     assert summary["uniform_maps"] == {}
     for name in names:
         assert min(imread(tmp_path / name).shape[:2]) > 300
+
+
+def test_swept_over_numbers():
+    """Curves have a colour bar, dashes by what else was varied; results are over the key."""
+    x = [0.0, 1.0]
+    lines = [(value, other, x, [0.0, value]) for value in (30.0, 45.0) for other in ("a", "b")]
+    ends = [("load (N)", {"a": ([30.0, 45.0], [3.0, 4.5]), "b": ([30.0, 45.0], [6.0, 9.0])})]
+    figure = pictures.swept("angle (deg)", ("x (mm)", "load (N)"), lines, ends, "a title")
+    curves, results, bar = figure.axes
+    assert [line.get_ydata()[-1] for line in curves.get_lines()] == [30.0, 30.0, 45.0, 45.0]
+    dashes = [line.get_linestyle() for line in curves.get_lines()]
+    colours = [line.get_color() for line in curves.get_lines()]
+    assert dashes[0] == dashes[2] != dashes[1]
+    assert colours[0] == colours[1] != colours[2]
+    assert bar.get_ylabel() == results.get_xlabel() == "angle (deg)"
+    assert legend_of(results) == ["a", "b"]
+    assert results.get_ylim()[0] == 0.0
+    assert figure.get_suptitle() == "a title"
+
+
+def test_swept_over_words():
+    """They have names in place of a scale, and no lines from one to the next."""
+    lines = [(word, "", [0.0, 1.0], [0.0, 1.0]) for word in ("grip", "_free")]
+    ends = [("load (N)", {"": (["grip", "_free"], [3.0, 4.5])})]
+    curves, results = pictures.swept("upper", ("x (mm)", "y (N)"), lines, ends).axes
+    assert legend_of(curves) == ["grip", "free"]
+    assert results.get_lines()[0].get_linestyle() == "None"
+    (alone,) = pictures.swept("upper", ("", ""), [], ends).axes  # without curves
+    assert alone.get_xlabel() == "upper"
