@@ -63,9 +63,9 @@ def follow(
     """Follow equilibrium from a state through the values asked for, in order. Collective.
 
     Each step starts from the last ones carried on (a parabola through three states, a straight line
-    through two, the tangent where there is but one), or as `foreseen`; one that fails is halved, from the last state
-    that was found, and steps grow again when all goes well. A load is reached by Newton's method on
-    the control, kept between controls whose loads are above and below.
+    through two, the tangent where there is but one), or as `foreseen`; one that fails is halved,
+    from the last state that was found, and steps grow again when all goes well. A load is reached
+    by Newton's method on the control, kept between controls whose loads are above and below.
 
     Parameters
     ----------

@@ -20,6 +20,7 @@ from .press import Posture, Press, StagePlan
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
 LONGEST = 0.5  # of a pitch, in a Newton step
+MOST_ITERATIONS = 100  # where cloth snaps the way is long, and shorter steps do not shorten it
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ def form(
     formed, model = Formed(blank), blank.model
     state, posture, work = blank.start(), Posture.at_the_start(blank), 0.0
     longest = LONGEST * float(blank.network.pitch.mean())
+    options = {"snes_max_it": MOST_ITERATIONS, **(options or {})}
     equilibrium = Equilibrium(
         model, state, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )

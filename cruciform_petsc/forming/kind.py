@@ -18,7 +18,7 @@ from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from ..units import format_si
-from .blank import Blank, ContactSettings
+from .blank import Blank, ContactSettings, length_of
 from .forming import Formed, FormingStep, form
 from .table import FormingTable, StageTable, below_cloth, check_stages
 
@@ -104,7 +104,8 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric), **{key: q.si for key, q in told.items() if q is not None}
+            ContactSettings.of(fabric, length_of(network)),
+            **{key: q.si for key, q in told.items() if q is not None},
         )
         self.blank = Blank(
             network,

@@ -15,8 +15,9 @@ from the state before and brought up to date until it no longer matters (`lagged
     psi' = 2 r - r^2  for r = s / s_0 < 1,  1 beyond
 
 with the elastic slip s_0. A node that touches anew is anchored where, on a straight way in the
-tool's frame from the last accepted state, it has come to touch. When a state is accepted anchors follow nodes that lie farther away than
-s_0, to that distance (return mapping): what sticks does not creep.
+tool's frame from the last accepted state, it has come to touch. When a state is accepted anchors
+follow nodes that lie farther away than s_0, to that distance (return mapping): what sticks does not
+creep.
 """
 
 from __future__ import annotations
