@@ -5,17 +5,42 @@
 - Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
   their `solve()` gives a `TestResult`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
-- Case files: `Case`. Errors: `CruciformError` and its kinds `InputError`, `SolverError`; what is
-  hardly meant is an `InputWarning`.
+- Case files: `Case`; `run_sweep` runs one for many values; `Result.load(folder)` reads what a run
+  has left.
+- Errors: `CruciformError` and its kinds `InputError`, `SolverError`; what is hardly meant is an
+  `InputWarning`.
 
-`help(cruciform_petsc.Network)` tells more of each, README.md has a script to begin with. Names
-are loaded when they are first used, so that the command line can hand its options to PETSc before
-anything starts it.
+A script to begin with, which runs under ``mpirun -n 4 python3 script.py``, too::
+
+    from mpi4py import MPI
+    from cruciform_petsc import (
+        BiasExtension,
+        Fabric,
+        Network,
+        Preform,
+        compare_with_membrane,
+        plot,
+        write,
+    )
+
+    fabric = Fabric.from_library("e-glass-plain-2.4")
+    preform = Preform.rectangle("75 mm", "220 mm", bias_angle="45 deg")
+    network = Network(MPI.COMM_WORLD, preform, fabric)
+    result = BiasExtension(network, extension="20 mm").solve()  # finite=False: small displacements
+    print(result.load, result.shear_angle_max)  # N, radians
+    print(compare_with_membrane(result))  # load_ratio: network over membrane
+    plot(result, "bias.png")
+    write(result, "bias.vtkhdf")
+
+`help(cruciform_petsc.Network)` tells more of each, and docs/ of what is computed. Names are loaded
+when they are first used, so that the command line can hand its options to PETSc before anything
+starts it.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
@@ -42,6 +67,8 @@ if TYPE_CHECKING:
     from .output.figures import plot as plot
     from .output.figures import scene as scene
     from .output.paraview import write as write
+    from .output.saved import Result as Result
+    from .sweep import run_sweep as run_sweep
 
 _NAMES = {
     "case.schema": ("Case",),
@@ -60,9 +87,16 @@ _NAMES = {
     "output.exports": ("export",),
     "output.figures": ("plot", "scene"),
     "output.paraview": ("write",),
+    "output.saved": ("Result",),
+    "sweep": ("run_sweep",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = list(_HOME)
+
+
+def __dir__() -> list[str]:
+    ours = [name for name, value in globals().items() if isinstance(value, ModuleType)]
+    return sorted({*__all__, *ours, *(name for name in globals() if name.startswith("__"))})
 
 
 def __getattr__(name: str) -> Any:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import json
 import logging
 import os
 import re
@@ -18,7 +19,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from inspect import cleandoc
@@ -27,7 +28,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__, process
-from .errors import CruciformError, InputError, InputWarning, harmless, typed_before
+from .errors import (
+    CruciformError,
+    InputError,
+    InputWarning,
+    cut,
+    harmless,
+    typed_before,
+    unknown,
+)
 from .experiments.registry import KINDS
 
 if TYPE_CHECKING:
@@ -40,7 +49,15 @@ PROGRAM = "cruciform-petsc"
 # Options of ours that take a value: what it is called, and what it does.
 _WITH_VALUE = {
     "--set": ("KEY=VALUE", "replace a value of the case: --set preform.refine=4"),
+    "--from-step": ("N", "go on from the N-th step instead of the last; those after it are lost"),
     "--output": ("DIR", "the folder for results, whatever a case says"),
+    "--by": ("WHAT", "displacement, strain (load per width) or shear (normalised shear force)"),
+    "--vary": (
+        "KEY=VALUES",
+        "a key of the case and its values: 30:60:5deg, or 30deg,45deg; once for each such key",
+    ),
+    "--jobs": ("N", "runs side by side; by default as many as there are cores for"),
+    "--ranks": ("N", "processes of each run, by default 1"),
     "--data": ("FILE", "the measured curve: CSV of displacement and force, units in the header"),
     "--columns": (
         "TITLE,TITLE",
@@ -53,7 +70,11 @@ _WITH_VALUE = {
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
 }
-_REPEATED = ("--set", "--columns", "--also", "--also-data")
+_REPEATED = ("--set", "--vary", "--columns", "--also", "--also-data")
+_OF_CALIBRATION = (
+    *("--data", "--set", "--output", "--columns", "--also", "--also-data", "--weights"),
+    *("--hold-out", "--hold-out-data"),
+)
 _OPTIONS = (*_WITH_VALUE, "--quiet", "--verbose", "--help", "--version", "-h")
 _PETSC_TOO = ("-help", "-version")  # like ours, but with one dash they are PETSc's
 
@@ -70,7 +91,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     with process.standard_streams(), process.obeying_signals(to_the_end=argv is None):
         arguments = sys.argv[1:] if argv is None else list(argv)
-        running: list[Path] = []
+        hints: list[Callable[[], str]] = []  # how to go on after an interrupt
         try:
             process.prepare_surroundings()
             from mpi4py import MPI
@@ -79,11 +100,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             comm = MPI.COMM_WORLD
 
             def hint() -> str:
-                from .output.checkpoint import hint
+                return hints[-1]() if hints else ""
 
-                return hint(running[-1], comm.size) if running else ""
-
-            return guarded(comm, lambda: _do(comm, arguments, running), hint)
+            return guarded(comm, lambda: _do(comm, arguments, hints), hint)
         except KeyboardInterrupt:
             return _interrupted(None, str)
         except CruciformError as error:
@@ -196,8 +215,8 @@ def _abort(control: MPI.Intracomm | None, code: int) -> int:
     return code
 
 
-def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> None:
-    """Do what was typed; puts the folder of a run into ``running``, once there is one."""
+def _do(comm: MPI.Intracomm, arguments: Sequence[str], hints: list[Callable[[], str]]) -> None:
+    """Do what was typed; puts how to go on after an interrupt into ``hints``, once one can."""
     from .parallel import on_root
 
     own, petsc_options = split_arguments(arguments)
@@ -208,7 +227,7 @@ def _do(comm: MPI.Intracomm, arguments: Sequence[str], running: list[Path]) -> N
         return
     args.log = _logger(comm, args)
     warnings.simplefilter("ignore", InputWarning)  # the log tells
-    args.running = running
+    args.hints, args.petsc_options = hints, petsc_options
     cache = on_root(comm, process.spare_cache)
     if cache:
         os.environ["XDG_CACHE_HOME"] = os.environ["MPLCONFIGDIR"] = cache
@@ -221,9 +240,10 @@ def _run(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     Example: mpirun -n 2 cruciform-petsc run demos/picture_frame.toml --set preform.refine=2
     """
+    from .output.checkpoint import hint
+
     case, directory = _case_and_folder(comm, args)
-    if not case.stages:  # a forming keeps no checkpoints
-        args.running.append(directory)
+    args.hints.append(partial(hint, directory, comm.size))
     from .run import run_case
 
     run_case(comm, case, directory, args.log)
@@ -234,13 +254,18 @@ def _resume(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
     Example: cruciform-petsc resume results/picture_frame
     """
-    from .output.checkpoint import reopen
+    from .output.checkpoint import hint, reopen
     from .output.folder import prepare_directory
     from .run import run_case
 
-    checkpoint = reopen(comm, args.case, args.set, args.output)
+    if args.from_step is not None and not re.fullmatch(r"[1-9]\d{0,8}", args.from_step):
+        raise InputError(
+            f'--from-step must be the number of a step, from 1, got "{args.from_step}"'
+        )
+    step = None if args.from_step is None else int(args.from_step)
+    checkpoint = reopen(comm, args.case, args.set, args.output, step)
     directory = prepare_directory(comm, checkpoint.directory)
-    args.running.append(directory)
+    args.hints.append(partial(hint, directory, comm.size))
     run_case(comm, checkpoint.case, directory, args.log, checkpoint)
 
 
@@ -253,6 +278,38 @@ def _check(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .run import check_case
 
     check_case(comm, case, args.log)
+
+
+def _sweep(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Run a case for several values of its keys, side by side.
+
+    A range is start:stop:step, a list has commas; of several keys all combinations are run. Results
+    are in sweep.csv and sweep.png, and in a folder for each run. The same command goes on where it
+    was stopped.
+
+    Example: cruciform-petsc sweep demos/bias_extension.toml --vary preform.bias_angle=30:60:5deg
+    """
+    from .sweep import read_vary, run_sweep
+
+    if comm.size > 1:
+        raise InputError("sweep starts its runs itself: leave mpirun out, and give --ranks N")
+    more: dict[str, Any] = {"overrides": args.set, "petsc_options": args.petsc_options}
+    for name in ("jobs", "ranks"):
+        text = getattr(args, name)
+        if text is not None:
+            if not re.fullmatch(r"0*[1-9]\d{0,4}", text):
+                raise InputError(f'--{name} must be a whole number from 1 up, got "{text}"')
+            more[name] = int(text)
+    vary = {one.key: one.values for one in read_vary(args.vary)}
+    args.hints.append(lambda: "finished runs are kept, the same command goes on")
+    table = run_sweep(args.case, vary, args.output, log=args.log, **more)
+    bad = [i for i, status in enumerate(table["status"]) if status != "done"]
+    if bad:
+        first = f'{table["status"][bad[0]]} in "{table["folder"][bad[0]]}"'
+        raise InputError(
+            f"{len(bad)} of {len(table['status'])} runs did not come to their end, sweep.csv tells "
+            f"why of each; the first of them {first}: {table['message'][bad[0]]}"
+        )
 
 
 def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -279,16 +336,17 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
             raise InputError(text) from None
     case, directory = _case_and_folder(comm, args)
     from .calibrate import calibrate_case
-    from .output.folder import OF_CALIBRATION, locked
+    from .output.folder import LOG, OF_CALIBRATION, locked
+    from .output.log import kept
 
-    with locked(comm, directory, OF_CALIBRATION, args.log):
+    with locked(comm, directory, (*OF_CALIBRATION, LOG), args.log), kept(comm, directory, args.log):
         calibrate_case(comm, case, args.data, directory, args.log, **more)
 
 
 def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Two results, or a result and a measured curve: curves and differences.
+    """Results and measured curves over each other: curves and differences.
 
-    A and B are folders of results, or CSV files of a measured displacement and force. Their curves
+    A, B ... are folders of results, or CSV files of a measured displacement and force. Their curves
     are laid over each other in the folder of --output, by default "comparison".
 
     Example: cruciform-petsc compare results/finite_bias_extension demos/glass_pp_bias.csv
@@ -296,7 +354,8 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .compare import compare_command
 
     folder = "comparison" if args.output is None else args.output
-    compare_command(comm, args.a, args.b, folder, args.log, args.columns)
+    paths = [args.a, args.b, *args.more]
+    compare_command(comm, paths, folder, args.log, args.columns, args.by)
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -318,28 +377,107 @@ def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         print(harmless(text))
 
 
-def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """List the library of fabrics.
+def _schema(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print the JSON schema of case files, for editors, or of summary.json.
 
-    Example: cruciform-petsc fabrics
+    An editor that knows TOML (taplo, Even Better TOML) takes it from the first line of a case file,
+    "#:schema case.schema.json", and completes keys and tells what they mean.
+
+    Example: cruciform-petsc schema > case.schema.json
     """
-    from .cloth.fabric import Fabric, fabric_names
-    from .units import format_si
+    from .case.schema import Case
+    from .output.summary_keys import Summary
+
+    known = {"case": Case.json_schema, "summary": Summary.json_schema}
+    if args.what not in known:
+        raise unknown(f'schema of "{cut(args.what)}"', args.what, known)
+    if comm.rank == 0:
+        print(json.dumps(known[args.what](), indent=1, ensure_ascii=False))
+
+
+_COMPLETION = """\
+# Of {program} {version}; into ~/.bashrc: eval "$({program} completion)"
+# zsh wants this before: autoload -U +X bashcompinit && bashcompinit
+_cruciform_petsc() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}} words=
+    if [ "$COMP_CWORD" = 1 ]; then
+        words="{commands}"
+    elif [ "$before" = --set ] || [ "$before" = --vary ]; then
+        words="{keys}"
+        compopt -o nospace 2> /dev/null
+    elif [ "$before" = --by ]; then
+        words="{ways}"
+    elif [ "$before" = new ]; then
+        words="{kinds}"
+    else
+        case ${{COMP_WORDS[1]}}:$word in
+{options}
+        esac
+    fi
+    COMPREPLY=($(compgen -W "$words" -- "$word"))
+}}
+complete -o bashdefault -o default -F _cruciform_petsc {program}"""
+
+
+def _completion(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Print what makes bash complete commands, options and keys.
+
+    For zsh, too, after: autoload -U +X bashcompinit && bashcompinit
+
+    Example: eval "$(cruciform-petsc completion)"
+    """
+    from .case.schema import Case
+    from .compare import BY
 
     if comm.rank:
         return
+    parsers: Mapping[str, argparse.ArgumentParser] = _parser().commands.choices
+    options = []
+    for name, parser in parsers.items():
+        words = (word for action in parser._actions for word in action.option_strings)
+        options.append(f'            {name}:-*) words="{" ".join(words)}" ;;')
+    print(
+        _COMPLETION.format(
+            program=PROGRAM,
+            version=__version__,
+            commands=" ".join(parsers),
+            keys=" ".join(f"{key}=" for key in Case.paths()),
+            ways=" ".join(BY),
+            kinds=" ".join(KINDS),
+            options="\n".join(options),
+        )
+    )
+
+
+def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """List the library of fabrics, or tell all of one.
+
+    With NAME: what was published of this fabric, what is estimated or assumed, and its source.
+
+    Example: cruciform-petsc fabrics carbon-twill-3k-284
+    """
+    from .cloth.fabric import Fabric, FabricTable, fabric_names, library
+    from .units import format_si
+
+    def short(value: float, unit: str) -> str:
+        return format_si(float(f"{value:.4g}"), unit)
+
+    names = fabric_names() if args.name is None else [args.name]
+    fabrics = [Fabric.from_library(name) for name in names]
+    if comm.rank:
+        return
     rows = [
-        ["fabric", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear", "source"]
-    ]
-    for name in fabric_names():
-        fabric = Fabric.from_library(name)
+        ["fabric", "weave", "modulus", "Poisson", "yarns", "yarn bending", "out of plane", "shear",
+         "mass", "thickness", "source"]
+    ]  # fmt: skip
+    for fabric in fabrics:
         columns = [
             [
-                format_si(yarns.modulus, "N/m"),
+                short(yarns.modulus, "N/m"),
                 f"{yarns.poisson:g}",
-                format_si(yarns.yarns, "1/m"),
-                format_si(yarns.yarn_bending, "N*m**2"),
-                format_si(law.stiffness0, "N*m"),
+                short(yarns.yarns, "1/m"),
+                short(yarns.yarn_bending, "N*m**2"),
+                short(law.stiffness0, "N*m"),
             ]
             for yarns, law in zip(
                 (fabric.warp, fabric.weft), fabric.out_of_plane("this list"), strict=True
@@ -347,10 +485,19 @@ def _fabrics(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
         ]
         # Warp and weft apart where they differ.
         both = [a if a == b else f"{a} | {b}" for a, b in zip(*columns, strict=True)]
-        shear = format_si(fabric.shear_modulus, "N/m")
+        shear = short(fabric.shear_modulus, "N/m")
         if fabric.shear.name != "linear":
             shear += f" at rest, {fabric.shear.name}"
-        rows.append([name, *both, shear, fabric.source])
+        mass = short(fabric.areal_density, "kg/m**2") if fabric.areal_density else ""
+        thickness = short(fabric.thickness, "m") if fabric.thickness else ""
+        rows.append([fabric.name, fabric.weave, *both, shear, mass, thickness, fabric.source])
+    if args.name is not None:
+        told = [*zip(*rows, strict=True), ("notes", " ".join(library()[args.name].notes.split()))]
+        for what, text in told:
+            print(f"{what:<14}{text}")
+        for sentence in FabricTable(use=args.name).filled_in():
+            print(f"              {sentence}")
+        return
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         print("  ".join(map(str.ljust, row, widths)).rstrip())
@@ -455,6 +602,8 @@ def _check_petsc_option(argument: str, name: str) -> None:
 class _Parser(argparse.ArgumentParser):
     """A parser whose complaints go the way of all input errors."""
 
+    commands: Any  # the parsers of our commands
+
     def error(self, message: str) -> NoReturn:
         raise InputError(message)
 
@@ -467,6 +616,7 @@ def _parser() -> _Parser:
     )
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    parser.commands = commands
 
     def command(
         work: Callable[[MPI.Intracomm, argparse.Namespace], None],
@@ -493,9 +643,9 @@ def _parser() -> _Parser:
         sub.set_defaults(work=work)
         for name, text in arguments:
             sub.add_argument(
-                name.rpartition("|")[2].strip("[]").lower(),
-                metavar=name.strip("[]"),
-                nargs="?" if name.startswith("[") else None,  # type: ignore[arg-type]
+                name.rpartition("|")[2].strip("[.]").lower(),
+                metavar=name.strip("[.]"),
+                nargs=("*" if "..." in name else "?") if name.startswith("[") else None,  # type: ignore[arg-type]
                 help=text,
             )
         for option in options:
@@ -512,35 +662,36 @@ def _parser() -> _Parser:
     case = ("CASE", "the case file (TOML)")
     folder = ("DIR|CASE", "the folder of the results, or the case file that tells it")
     a = ("A", "a folder of results, or a measured curve (CSV)")
-    b = ("B", "another; differences are relative to this one")
+    b = ("B", "another; differences are relative to the last one")
+    more = ("[MORE...]", "further ones")
     kind = ("KIND", f"the kind of test: {', '.join(KINDS)}")
     command(_run, case, options=("--set", "--output"))
     command(_check, case, options=("--set",))
-    command(_calibrate, case, options=tuple(_WITH_VALUE))
-    command(_resume, folder, options=("--set", "--output"))
-    command(_compare, a, b, options=("--columns", "--output"))
+    command(_calibrate, case, options=_OF_CALIBRATION)
+    command(_sweep, case, options=("--vary", "--set", "--output", "--jobs", "--ranks"))
+    command(_resume, folder, options=("--set", "--output", "--from-step"))
+    command(_compare, a, b, more, options=("--by", "--columns", "--output"))
     command(_new, kind, ("[FILE]", "must not be there yet"))
-    command(_fabrics)
+    command(_fabrics, ("[NAME]", "one of them"))
+    command(_schema, ("[WHAT]", "case (the default) or summary"))
+    commands.choices["schema"].set_defaults(what="case")
+    command(_completion)
     return parser
 
 
-class _Harmless(logging.Formatter):
-    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        """One line."""
-        return harmless(super().format(record)).replace("\n", "\\n")
-
-
 def _logger(comm: MPI.Intracomm, args: argparse.Namespace) -> logging.Logger:
-    """Make the log: to stdout on rank 0, silent on the others."""
+    """Make the log: to stdout on rank 0, silent on the others.
+
+    What --quiet leaves out still goes to the files that results have (output.log.kept).
+    """
     log = logging.getLogger("cruciform_petsc")
     log.handlers.clear()
     log.propagate = False
     handler = logging.NullHandler() if comm.rank else logging.StreamHandler(sys.stdout)
-    handler.setFormatter(_Harmless())
+    handler.setFormatter(process.LogLines())
     log.addHandler(handler)
     quiet, verbose = getattr(args, "quiet", False), getattr(args, "verbose", False)
     level = logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO
-    log.setLevel(logging.CRITICAL + 1 if comm.rank else level)
+    handler.setLevel(level)
+    log.setLevel(logging.CRITICAL + 1 if comm.rank else min(level, logging.INFO))
     return log

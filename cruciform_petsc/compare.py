@@ -1,31 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""Curves over each other and their differences in figures: `cruciform-petsc compare A B`.
+"""Curves over each other and their differences in figures: `cruciform-petsc compare A B ...`.
 
 A run with measured data (``output.measured``) compares its load with them in the same way.
 """
 
 from __future__ import annotations
 
-import csv
 import logging
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .calibration.curve import columns_of_files, read_curve
-from .errors import InputError, cut, harmless
+from .cloth.preform import PreformTable
+from .errors import InputError, cut, harmless, unknown
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import EFFORT
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked
-from .output.tables import write_json
+from .output.tables import read_csv, write_json
 from .parallel import on_root
-from .quantities import Quantity, displacement, quantity
-from .reading import LARGEST, read_given, read_json
+from .quantities import EXTENSION, LOAD, Quantity, declare, displacement, quantity
+from .reading import read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -36,6 +37,13 @@ if TYPE_CHECKING:
 # A value this small beside the largest of its curve has no relative difference.
 NOTHING = 1e-9
 _MOST = 1e30  # in a table of ours, whose squares are numbers, too
+
+# What curves of specimens of different sizes are compared by.
+BY = ("displacement", "strain", "shear")
+STRAIN = declare("strain_percent", "strain", "strain (extension over length)")
+SHEAR = declare("shear_angle_deg", "shear angle")
+PER_WIDTH = declare("load_per_width_N_per_mm", "load per width")
+SHEAR_FORCE = "shear_force_N_per_mm"  # normalised: per length of a frame's side
 
 Line = tuple[np.ndarray, np.ndarray]
 
@@ -151,12 +159,12 @@ def against_measured(line: Line, measured: MeasuredCurve) -> dict[str, Any]:
     }
 
 
-# -- two curves ------------------------------------------------------------------------------------
+# -- curves ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of the two that are compared; names of columns carry the units."""
+    """One of those that are compared; names of columns carry the units."""
 
     path: str
     title: str
@@ -164,6 +172,7 @@ class Side:
     columns: dict[str, np.ndarray]  # of all increments (n,), the control first
     asked: np.ndarray  # which of them have values that were asked for, bool (n,)
     notes: tuple[str, ...] = ()  # of measured data, see MeasuredCurve
+    size: tuple[float, float] | None = None  # width and length of the specimen, m, if known
 
     @property
     def is_measured(self) -> bool:
@@ -173,6 +182,37 @@ class Side:
     def line(self, x: str, y: str) -> Line:
         """The loading branch of a column over another."""
         return loading(self.columns[x], self.columns[y])
+
+    def by(self, what: str) -> Side:
+        """The same over one of BY: columns that are apart from the size of the specimen.
+
+        Over the displacement all columns; over the strain the load per width and shear angles; over
+        the shear angle (of a frame, of a bias test's middle zone, or at the centre) the load per
+        width and the normalised shear force. InputError where there is none.
+        """
+        old, problem = self.columns, ""
+        moved = displacement(old)
+        new: dict[str, np.ndarray] = {}
+        if what == "displacement":
+            new = {} if moved is None else {"displacement_mm": old[moved.column]} | old
+            problem = "has no displacement"
+        elif self.size is None:
+            problem = f"tells no sizes of its specimen, compare by {BY[0]}"
+        elif what == "strain" and EXTENSION.column in old:
+            new = {STRAIN.column: 0.1 * old[EXTENSION.column] / self.size[1]}
+            new |= {name: value for name, value in old.items() if name.startswith("shear_")}
+            new.pop(SHEAR_FORCE, None)
+        elif what == "shear":
+            angles = ("angle_deg", "shear_middle_deg", "shear_centre_deg")
+            known = [name for name in angles if np.isfinite(old.get(name, np.nan)).any()]
+            new = {SHEAR.column: old[known[0]]} if known else {}
+            new |= {SHEAR_FORCE: old[SHEAR_FORCE]} if known and SHEAR_FORCE in old else {}
+        if what != "displacement" and new and LOAD.column in old and self.size is not None:
+            new[PER_WIDTH.column] = 1e-3 * old[LOAD.column] / self.size[0]
+        if len(new) < 2:
+            problem = problem or f"has no load over a {'strain' if what == 'strain' else 'shear'}"
+            raise InputError(f'"{self.path}" ({self.kind}) {problem}')
+        return replace(self, columns=new)
 
 
 def read_side(path: str | Path, which: str | None = None) -> Side:
@@ -199,24 +239,22 @@ def read_side(path: str | Path, which: str | None = None) -> Side:
         harmless(cut(str(summary.get(key, other))))
         for key, other in (("title", path.name), ("kind", "unknown"))
     )
-    return Side(str(path), title, kind, _with_energy(columns), asked)
+    size = None
+    with suppress(InputError, LookupError, TypeError):
+        preform = PreformTable.from_data(summary["case"]["preform"], "preform").build()
+        size = float(preform.size[0]), float(preform.size[1])
+    return Side(str(path), title, kind, _with_energy(columns), asked, size=size)
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file of ours; an empty field is NaN."""
-    data = read_given(path, "table", "CSV", LARGEST)
-    try:
-        header, *rows = list(csv.reader(data.decode("utf-8-sig").splitlines()))
-        values = np.array([[float(cell or "nan") for cell in row] for row in rows], float)
-        values = values.reshape(len(rows), len(header))
-        if (np.abs(values) > _MOST).any():
-            raise ValueError
-    except (ValueError, csv.Error):
-        raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
-    forces = [name for name in header if quantity(name).unit == "N" and name not in EFFORT]
-    if not rows or not forces:
+    """Columns of a CSV file of ours, all of them numbers that can be squared."""
+    columns = read_csv(path)
+    if any(c.dtype != float or (np.abs(c) > _MOST).any() for c in columns.values()):
+        raise InputError(f'"{path}" is not a table that cruciform-petsc has written')
+    forces = [name for name in columns if quantity(name).unit == "N" and name not in EFFORT]
+    if not forces or not len(columns[forces[0]]):
         raise InputError(f'"{path}" has no forces')
-    return dict(zip(header, values.T, strict=True))
+    return columns
 
 
 def _with_energy(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -236,14 +274,11 @@ def _displacement(columns: Iterable[str], kind: str) -> Quantity:
     return column
 
 
-def compare(
-    a: Side, b: Side
-) -> tuple[dict[str, Any], dict[str, Difference], dict[str, tuple[Line, Line]]]:
-    """Differences of all columns that two have in common; an InputError if there are none.
+Pairs = dict[str, tuple[Line, Line]]  # lines of two sides by column
 
-    Returns what was compared, over what, and the figures as plain data; by column the differences;
-    and by column the lines of a and b.
-    """
+
+def _pair(a: Side, b: Side) -> tuple[dict[str, Difference], Pairs, list[str]]:
+    """Differences of all columns that two have in common, the lines, and over what each."""
     sides = (a, b)
     exact = [side for side in sides if side.is_measured] or sides  # where they have values
     if exact is not sides:
@@ -254,7 +289,7 @@ def compare(
         if axes[0] != axes[1]:
             raise InputError(
                 f'"{a.path}" is a curve over {axes[0]} and "{b.path}" one over {axes[1]}, which '
-                "cannot be compared"
+                "cannot be compared so; by displacement, strain or shear (--by) they may be"
             )
         names = [name for name in a.columns if name in b.columns and name != axes[0]]
     lines = {name: (a.line(axes[0], name), b.line(axes[1], name)) for name in names}
@@ -271,53 +306,84 @@ def compare(
             f'"{side.path}" ({x[side].min():.4g} to {x[side].max():.4g} {unit})' for side in sides
         ]
         raise InputError(f"{' and '.join(ranges)} have no range in common")
-    axis = next((x for x in axes if x != "displacement_mm"), axes[0])
-    told = {
-        "a": {"path": a.path, "title": a.title, "kind": a.kind},
-        "b": {"path": b.path, "title": b.title, "kind": b.kind},
-        "over": axis,
-        "relative_to": "b",
-        "differences": {name: value.as_dict() for name, value in figures.items()},
+    return figures, {name: lines[name] for name in figures}, axes
+
+
+def compare(
+    sides: Sequence[Side], by: str | None = None
+) -> tuple[dict[str, Any], list[dict[str, Difference]], dict[str, list[Line]]]:
+    """Differences of two or more, of each to the last one; an InputError if there are none.
+
+    ``by``: see Side.by. Returns what was compared, over what, and the figures as plain data; of
+    each but the last the differences by column; and by column the lines of all that have it.
+    """
+    if by is not None:
+        if by not in BY:
+            raise unknown(f'way to compare "{cut(by)}"', by, BY)
+        sides = [side.by(by) if not side.is_measured or by != BY[0] else side for side in sides]
+    *others, last = sides
+    pairs = [_pair(side, last) for side in others]
+    axes = [axis for _, _, each in pairs for axis in each]
+    letters = [chr(ord("a") + i) if i < 26 else str(i) for i in range(len(sides))]
+    told: dict[str, Any] = {
+        letter: {"path": side.path, "title": side.title, "kind": side.kind}
+        for letter, side in zip(letters, sides, strict=True)
     }
-    return told, figures, {name: lines[name] for name in figures}
+    told["over"] = next((axis for axis in axes if axis != "displacement_mm"), axes[0])
+    told["relative_to"] = letters[-1]
+    told["differences"] = {
+        letter: {name: value.as_dict() for name, value in figures.items()}
+        for letter, (figures, _, _) in zip(letters, pairs, strict=False)
+    }
+    common = [name for name in pairs[0][1] if all(name in lines for _, lines, _ in pairs)]
+    lines = {
+        name: [*(pair[name][0] for _, pair, _ in pairs), pairs[0][1][name][1]] for name in common
+    }
+    return told, [figures for figures, _, _ in pairs], lines
 
 
 def compare_command(
     comm: MPI.Intracomm,
-    a_path: str,
-    b_path: str,
+    paths: Sequence[str],
     directory: str | Path,
     log: logging.Logger,
     columns: Sequence[str] = (),
+    by: str | None = None,
 ) -> dict[str, Any]:
     """Compare, tell, and write comparison.json and comparison.png into a folder. Collective."""
     for kind in KINDS:
         kind_class(kind)  # declares its columns
-    paths = (a_path, b_path)
     files = [path for path in paths if not os.path.isdir(path)]
     named = dict(zip(files, columns_of_files(columns, len(files)), strict=True))
-    a, b = on_root(comm, lambda: [read_side(path, named.get(path)) for path in paths])
-    told, figures, lines = compare(a, b)
+    sides = on_root(comm, lambda: [read_side(path, named.get(path)) for path in paths])
+    told, figures, lines = compare(sides, by)
+    letters = [letter.upper() for letter, _ in zip(told, sides, strict=False)]
     with locked(comm, directory, OF_COMPARISON, log) as folder:
-        log.info("A  %s (%s)", a.path, a.title if not a.is_measured else "measured")
-        log.info("B  %s (%s)", b.path, b.title if not b.is_measured else "measured")
-        for side in (a, b):
+        for letter, side in zip(letters, sides, strict=True):
+            log.info(
+                "%s  %s (%s)", letter, side.path, "measured" if side.is_measured else side.title
+            )
             for note in side.notes:
                 log.info("   %s: %s", side.path, note)
-        log.info("A less B, loads and energies relative to B, angles in degrees:")
+        if by is None and len({side.size for side in sides if side.size is not None}) > 1:
+            log.info(
+                "   specimens differ in size: --by strain or --by shear compares apart from it"
+            )
         axis = quantity(told["over"])
-        for name, value in figures.items():
-            where = f"{axis.log_unit} ({value.points} points)"
-            log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
+        for letter, differences in zip(letters, figures, strict=False):
+            log.info(
+                "%s less %s, relative to %s but for angles, in degrees:",
+                *(letter, letters[-1], letters[-1]),
+            )
+            for name, value in differences.items():
+                where = f"{axis.log_unit} ({value.points} points)"
+                log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
         write_json(comm, folder / "comparison.json", told)
-        forces = [name for name in lines if quantity(name).unit == "N"]
-        usual = [*forces, *(name for name in ("shear_centre_deg",) if name in lines)][:2]
-        names = _labels(a, b)
         panels = []
-        for column in usual or list(lines)[:2]:
+        for column in _drawn_columns(lines):
             curves = {
                 name: (line if side.is_measured else drawn(line), side.is_measured)
-                for name, line, side in zip(names, lines[column], (a, b), strict=True)
+                for name, line, side in zip(_labels(sides), lines[column], sides, strict=True)
             }
             panels.append(((axis.axis, quantity(column).axis), curves))
         pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
@@ -325,10 +391,19 @@ def compare_command(
     return told
 
 
-def _labels(a: Side, b: Side) -> list[str]:
+def _drawn_columns(lines: Iterable[str]) -> list[str]:
+    """The two columns that tell most: forces, then a shear angle."""
+    lines = list(lines)
+    forces = [name for name in lines if quantity(name).unit == "N" and name != "load_net_N"]
+    first = [name for name in (SHEAR_FORCE, PER_WIDTH.column) if PER_WIDTH.column in lines]
+    usual = [*first, *forces, "shear_centre_deg"]
+    return [name for name in usual if name in lines][:2] or lines[:2]
+
+
+def _labels(sides: Sequence[Side]) -> list[str]:
     """What a legend calls them: titles if they differ, else paths."""
-    titles = [f"measured: {side.title}" if side.is_measured else side.title for side in (a, b)]
-    titles = titles if titles[0] != titles[1] else [a.path, b.path]
-    if titles[0] == titles[1]:
-        titles = [f"A: {titles[0]}", f"B: {titles[1]}"]
+    titles = [f"measured: {side.title}" if side.is_measured else side.title for side in sides]
+    titles = titles if len(set(titles)) == len(titles) else [side.path for side in sides]
+    if len(set(titles)) < len(titles):
+        titles = [f"{chr(ord('A') + i)}: {title}" for i, title in enumerate(titles)]
     return titles

@@ -85,12 +85,13 @@ class EquilibriumError(SolverError):
     """No equilibrium was found.
 
     ``place``, float (dim,) or None: where the forces are farthest from balance, at rest, m;
-    ``result``, a TestResult or None: what an experiment had reached.
+    ``count``: at how many nodes they are by a tenth of that, or more, 0 if that is not known;
+    ``result``, a TestResult, Formed or None: what an experiment had reached.
     """
 
-    def __init__(self, message, reason, history, place=None):
+    def __init__(self, message, reason, history, place=None, count=0):
         super().__init__(message, reason, history)
-        self.place = place
+        self.place, self.count = place, count
         self.result: Any = None
 
 

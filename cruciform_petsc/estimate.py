@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .continuum.sizes import default_size, finite_size
+from .continuum.sizes import default_size, finite_size, formed_size
 from .errors import InputError
 from .experiments.experiment import BYTES
 from .memory import check_memory, size_text
@@ -62,7 +62,9 @@ def estimate(case: Case) -> list[Part]:
     if not (continuum.compare or continuum.ladder):
         return parts
     preform, fabric = case.preform(), case.fabric()
-    if test.finite:
+    if case.stages:
+        size = formed_size(preform, fabric)
+    elif test.finite:
         size = finite_size(preform.outline, fabric, 3, case.second_gradient)
     else:
         size = default_size(preform.outline, fabric, 3)
@@ -72,6 +74,10 @@ def estimate(case: Case) -> list[Part]:
     unknowns = _UNKNOWNS_PER_TRIANGLE * triangles
     more_bytes, more_seconds = _SECOND_GRADIENT if case.second_gradient else (1.0, 1.0)
     solved = values * NEWTON if test.finite else 1.0
+    if case.stages:  # linear triangles, half as many nodes; as a network costs in space
+        triangles = 0.5 * triangles
+        unknowns, solved = 1.5 * triangles, steps * NEWTON
+        more_bytes, more_seconds = (_SPACE[i] / (9.0 * _MEMBRANE[i]) for i in (0, 1))
     needed = _MEMBRANE[0] * more_bytes * unknowns
     parts.append(
         Part(

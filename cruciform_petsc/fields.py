@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Annotated, Any, Self, get_args
@@ -22,19 +22,26 @@ _LONGEST = 4096  # of a text: the longest path that Linux takes
 _MOST_PROBLEMS = 20  # of one table; a further one is better told after these are mended
 
 
-class _Read:
+class Read:
     """Annotates a field that a function of ours reads; what is wrong is a ValueError in words."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(self.read)
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return self.json_schema(handler)
+
     def read(self, value: Any, info: Any) -> Any:
         """Check a value and return what is kept of it; `info` is pydantic's."""
         raise NotImplementedError
 
+    def json_schema(self, handler: Any) -> dict[str, Any]:
+        """What an editor may know of it, by default nothing; `handler` is pydantic's."""
+        return {}
+
 
 @dataclass(frozen=True)
-class Of(_Read):
+class Of(Read):
     """Annotates quantities: kept as they are written, with their value beside it."""
 
     unit: str
@@ -63,6 +70,13 @@ class Of(_Read):
             raise ValueError(f"has {len(value)} values, at most {_MOST_ROWS} are possible")
         return [self._one(item, info, f"(value {i + 1}) ") for i, item in enumerate(value)]
 
+    def json_schema(self, handler: Any) -> dict[str, Any]:
+        """See _Read: a text, with an example."""
+        example = self.example or MEASURES[self.unit][2 if self.column else 1]
+        one = {"type": "string", "examples": [example]}
+        several = {"type": "array", "items": one, "minItems": 1}
+        return {"anyOf": [one, several]} if self.many else one
+
     def _one(self, value: Any, info: Any, which: str = "") -> Quantity:
         bare = bool(info.context)
         try:
@@ -87,16 +101,23 @@ class Of(_Read):
 
 
 @dataclass(frozen=True)
-class OneOf(_Read):
+class OneOf(Read):
     """Annotates a table that is one of several: `pick` tells the type, or raises a ValueError."""
 
     pick: Callable[[Any], type[Table]]
+    every: Callable[[], Iterable[type[Table]]] = tuple
+    """All types that there are, for editors."""
 
     def read(self, value: Any, info: Any) -> Table:
         """Read it as what it is."""
         if isinstance(value, Table):
             return value
         return self.pick(value).model_validate(value, context=info.context)
+
+    def json_schema(self, handler: Any) -> dict[str, Any]:
+        """See _Read."""
+        tables = [handler(table.__pydantic_core_schema__) for table in self.every()]
+        return {"anyOf": tables or [{"type": "object"}]}
 
 
 def _three_corners(ring: list[list[Quantity]]) -> list[list[Quantity]]:
@@ -129,6 +150,8 @@ Ring = Annotated[
     list[Point], Field(min_length=3, max_length=_MOST_ROWS), AfterValidator(_three_corners)
 ]
 Rings = Annotated[list[Ring], Field(max_length=_MOST_ROWS)]
+Line = Annotated[list[Point], Field(min_length=2, max_length=_MOST_ROWS)]
+Lines = Annotated[list[Line], Field(max_length=_MOST_ROWS)]
 Count = Annotated[int, Field(ge=1, le=10**9)]
 Counts = Annotated[list[Count], Field(min_length=1, max_length=100)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e12, le=1e12)]

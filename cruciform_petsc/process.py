@@ -10,6 +10,7 @@ import atexit
 import contextlib
 import faulthandler
 import io
+import logging
 import os
 import shutil
 import signal
@@ -20,7 +21,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import IO, Any
 
-from .errors import InputError
+from .errors import InputError, harmless
 
 # What people, terminals and queues send to end a program; where it is ignored (nohup) it stays so.
 ENDING: tuple[int, ...] = (
@@ -90,6 +91,14 @@ def obeying_signals(*, to_the_end: bool = False) -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if to_the_end else handler)
+
+
+class LogLines(logging.Formatter):
+    """Lines of the log; titles and names in them neither end a line nor command a terminal."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """One line."""
+        return harmless(super().format(record)).replace("\n", "\\n")
 
 
 # -- standard streams --------------------------------------------------------------------------

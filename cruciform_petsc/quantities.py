@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .errors import InputError
 from .units import format_si
 
 # How a column's name ends: unit as people write it, and its size in SI units.
@@ -118,6 +119,18 @@ declare("height_max_mm", "height out of the plane, largest", "largest height out
 def displacement(columns: Iterable[str]) -> Quantity | None:
     """The first column that is what a test machine measures beside the force, if there is one."""
     return next((q for q in map(quantity, columns) if q.is_displacement), None)
+
+
+def data_frame(columns: Mapping[str, Any]) -> Any:
+    """Columns as a pandas.DataFrame; InputError where pandas is not installed."""
+    try:
+        import pandas  # type: ignore[import-untyped]
+    except ImportError:
+        raise InputError(
+            "a DataFrame needs pandas, which is not installed here; without it the columns are a "
+            "dict of arrays"
+        ) from None
+    return pandas.DataFrame(dict(columns))
 
 
 # -- values for people -------------------------------------------------------------------------

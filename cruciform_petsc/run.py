@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
+from .continuum.formed import FormedReference
 from .errors import EquilibriumError, InputError, InputWarning, SolverError
 from .estimate import check_work
 from .experiments.experiment import Experiment
@@ -33,9 +34,10 @@ from .net.network import Network
 from .output import figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
-from .output.exports import export
-from .output.folder import OF_RUN, locked, remove_results
+from .output.exports import export, export_formed
+from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
+from .output.pattern import write_pattern
 from .output.progress import Progress
 from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
@@ -79,9 +81,10 @@ def run_case(
     every rank after all that was reached is on disk.
     """
     kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
-    with locked(comm, directory, OF_RUN, log), catch_warnings():
+    with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
-        return kind(comm, case, directory, log, checkpoint).run()
+        with logs.kept(comm, directory, log, more=checkpoint is not None):
+            return kind(comm, case, directory, log, checkpoint).run()
 
 
 def _size(case: Case) -> str:
@@ -115,8 +118,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
 
 def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
     """What may be meant otherwise in a case, and what was left out of its measured data."""
-    shear = case.fabric_table.shear
-    questions = [None if shear is None else shear.question()]
+    questions: list[str | None] = [*case.fabric_table.questions()]
     if measured is not None:
         questions += [f"measured data: {note}" for note in measured.notes]
         if case.test.kind in SPECIMENS:
@@ -157,6 +159,11 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.stages = Stages(self.log)
+        self.summary["fabric"] = {
+            "name": self.case.fabric().name,
+            "source": self.case.fabric().source,
+            "assumed": self.case.fabric_table.filled_in(),
+        }
 
     def run(self) -> dict[str, Any]:
         """All that `run_case` does."""
@@ -207,21 +214,11 @@ class _Run:
 
     def _solve(self, experiment: Experiment) -> TestResult:
         """Solve; what ends a test early is kept in ``failure`` if anything was reached."""
-        case, log = self.case, self.log
-        progress = Progress(experiment, self.directory / "curve.csv", log)
-        resumed = self.checkpoint is not None
-        if case.test.finite:
-            self.checkpoint = self.checkpoint or Checkpoint.begin(self.comm, self.directory, case)
-            for note in self.checkpoint.notes:
-                log.warning("warning       %s", note)
-        if not resumed:
-            replaced = remove_results(self.comm, self.directory)
-            if replaced:
-                log.info("%sreplaces the results of %s", INDENT, replaced)
+        case = self.case
+        progress = Progress(experiment, self.directory / "curve.csv", self.log)
+        self._open_checkpoint()
         if self.checkpoint is not None:
             progress.go_on_from(self.checkpoint.increments)
-            command = resume_command(self.directory, self.comm.size)
-            log.info("%sif interrupted, continue with: %s", INDENT, command)
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
@@ -237,6 +234,21 @@ class _Run:
             self._write_summary()
             raise self.failure
         return self.failure.result
+
+    def _open_checkpoint(self) -> None:
+        """Begin one where there is none yet; what an earlier run has left is removed then."""
+        resumed, log = self.checkpoint is not None, self.log
+        if self.case.test.finite and not resumed:
+            self.checkpoint = Checkpoint.begin(self.comm, self.directory, self.case)
+        for note in self.checkpoint.notes if self.checkpoint is not None else ():
+            log.warning("warning       %s", note)
+        if not resumed:
+            replaced = remove_results(self.comm, self.directory)
+            if replaced:
+                log.info("%sreplaces the results of %s", INDENT, replaced)
+        if self.checkpoint is not None:
+            command = resume_command(self.directory, self.comm.size)
+            log.info("%sif interrupted, continue with: %s", INDENT, command)
 
     @contextmanager
     def _telling_how_to_resume(self) -> Iterator[None]:
@@ -346,12 +358,20 @@ class _Run:
         """
         case, result = self.case, reference.result
         controls: Any = result.controls.tolist() if case.test.finite else float(result.extension)
+
+        def rung(refine: int) -> dict[str, Any]:
+            network = Network(self.comm, case.preform(refine=refine), case.fabric())
+            finer = case.experiment(network, bending=case.second_gradient, controls=controls)
+            return reference.rung(finer)
+
+        self._climb(rung)
+
+    def _climb(self, rung: Callable[[int], dict[str, Any] | None]) -> None:
+        """Compare a rung for each value of refine; to summary and ladder.csv."""
         rungs = []
-        for refine in case.continuum.ladder or ():
+        for refine in self.case.continuum.ladder or ():
             with self.stages.stage("ladder", f"refine = {refine} compared with the membrane"):
-                network = Network(self.comm, case.preform(refine=refine), case.fabric())
-                finer = case.experiment(network, bending=case.second_gradient, controls=controls)
-                rungs.append({"refine": refine} | reference.rung(finer))
+                rungs.append({"refine": refine} | (rung(refine) or {}))
         if rungs:
             self.summary["continuum"]["ladder"] = rungs
             self._write_csv("ladder.csv", {key: [rung[key] for rung in rungs] for key in rungs[0]})
@@ -375,10 +395,9 @@ class _Run:
 
 
 class _FormingRun(_Run):
-    """A forming on the way to its results; all methods are collective. It has no checkpoints."""
+    """A forming on the way to its results; all methods are collective."""
 
-    def run(self) -> dict[str, Any]:
-        """All that `run_case` does."""
+    def _run(self) -> dict[str, Any]:
         case, log, comm = self.case, self.log, self.comm
         check_work(comm, case)
         log.info("%s", case.title)
@@ -391,10 +410,11 @@ class _FormingRun(_Run):
         self.summary["warnings"] = [*forming.remarks, *_remarks(case, network, None)]
         for sentence in self.summary["warnings"]:
             log.warning("warning       %s", sentence)
-        replaced = remove_results(comm, self.directory)
-        if replaced:
-            log.info("%sreplaces the results of %s", INDENT, replaced)
-        record = formed.Record(forming, self.directory / "forces.csv", log)
+        self._open_checkpoint()
+        former = self.checkpoint.steps if self.checkpoint is not None else []
+        record = formed.Record(forming, self.directory / "forces.csv", log, len(former))
+        if former:
+            self.summary["resumed_after_steps"] = len(former)
         result = self._form(forming, record)
         told = formed.summarize(case, forming, result, record, statistics)
         unused = unused_options(comm, forming.options)
@@ -407,7 +427,13 @@ class _FormingRun(_Run):
         if result.steps:
             with self.stages.stage("write", "results written"):
                 formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
-                formed.write_outline(self.directory, forming, result.states[-1])
+                for sentence in write_pattern(
+                    self.directory, forming, result.states[-1], log, case.output.part
+                ):
+                    self.summary["warnings"].append(sentence)
+                    log.warning("warning       %s", sentence)
+                if case.output.exports:
+                    export_formed(self.directory, forming, result.states[-1])
                 if case.output.paraview:
                     notes = notes_on(network, forming.kind, case.model_dump())
                     formed.write_series(self.directory, forming, result, notes)
@@ -415,6 +441,7 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
+            self._compare_with_membrane(forming, result, record)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
@@ -423,13 +450,54 @@ class _FormingRun(_Run):
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure
+        if self.checkpoint is not None:
+            self.checkpoint.remove()
         return self.summary
+
+    def _compare_with_membrane(
+        self, forming: Forming, result: Formed, record: formed.Record
+    ) -> None:
+        """Form a membrane beside a forming that went well, where that is asked for."""
+        continuum = self.case.continuum
+        if self.failure is not None or not (continuum.compare or continuum.ladder):
+            return
+        told = []
+        if self.summary["wrinkles"]["area_share"] > 0.0:
+            told.append(
+                "the cloth has wrinkles, and the membrane beside it no bending: they need not agree"
+            )
+        try:
+            with self.stages.stage("continuum", "membrane in dolfinx formed and compared"):
+                self.log.info("%sthe membrane beside it:", INDENT)
+                reference = FormedReference(
+                    forming, result, continuum.mesh_size_si, lambda step, _: record.tell(step)
+                )
+                self.summary["continuum"] = reference.summary()
+                if reference.rows:
+                    self._write_csv("continuum.csv", reference.table())
+
+            def rung(refine: int) -> dict[str, Any] | None:
+                network = Network(self.comm, self.case.preform(refine=refine), self.case.fabric())
+                return reference.rung(self.case.forming(network))
+
+            if reference.failed:
+                told.append(f"the membrane beside it could not be formed: {reference.failed}")
+            else:
+                self._climb(rung)
+        except EquilibriumError as error:
+            told.append(f"a net of continuum.ladder could not be formed: {error}")
+        except SolverError as error:
+            self.failure = error
+            self.summary.setdefault("continuum", {})["failed"] = str(error)
+        for sentence in told:
+            self.summary["warnings"].append(sentence)
+            self.log.warning("warning       %s", sentence)
 
     def _form(self, forming: Forming, record: formed.Record) -> Formed:
         """Form; what ends it early is kept in ``failure``, with what was reached."""
         with self.stages.stage("solve", "formed"):
             try:
-                return forming.solve(record)
+                return forming.solve(record, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)

@@ -45,6 +45,8 @@ inch = 2.54e-2 * meter = in = inches
 foot = 0.3048 * meter = ft = feet
 yard = 0.9144 * meter = yd
 gsm = gram / meter ** 2
+tex = 1e-3 * gram / meter
+denier = tex / 9 = den
 degree = 0.017453292519943295 * radian = deg = °
 turn = 6.283185307179586 * radian
 count = []
@@ -70,6 +72,11 @@ MEASURES = {
     "1": ("a strain", "1 %", "%"),
     "kg/m**2": ("a mass per area", "576 g/m^2", "g/m^2"),
     "kg/m**3": ("a density", "2.5 g/cm^3", "g/cm^3"),
+    "kg/m": ("a linear density", "200 tex", "tex"),
+    "Pa": ("a pressure", "20 kPa", "kPa"),
+    "N/m**2": ("a modulus of elasticity", "230 GPa", "GPa"),
+    "N*m/m**2": ("a stiffness", "2 N/mm", "N/mm"),
+    "N/m/m": ("a stiffness per width", "0.1 N/mm/mm", "N/mm/mm"),
     "N/m**3": ("a stiffness of contact, per area", "20 kPa/mm", "kPa/mm"),
     "N*s/m**3": ("a viscosity, per area", "20 N s/m^3", "N s/m^3"),
 }
@@ -89,6 +96,11 @@ LIMITS = {
     "1": (1e-12, 1e4),
     "kg/m**2": (1e-9, 1e6),
     "kg/m**3": (1e-6, 1e6),
+    "kg/m": (1e-12, 1e3),
+    "Pa": (1e-9, 1e12),
+    "N/m**2": (1.0, 1e15),
+    "N*m/m**2": (1e-12, 1e12),
+    "N/m/m": (1e-12, 1e12),
     "N/m**3": (1e-6, 1e18),
     "N*s/m**3": (1e-9, 1e12),
 }

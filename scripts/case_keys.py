@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
-from cruciform_petsc.cloth import fabric, preform
+from cruciform_petsc.cloth import datasheet, fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
@@ -47,6 +47,7 @@ _SHAPES: dict[Any, str] = {
     fields.Point: "a pair of lengths",
     fields.Sides: "a pair of lengths",
     fields.Ring: "a list of 3 or more pairs of lengths",
+    list[fields.Line]: "a list of lists of pairs of lengths",
     list[fields.Ring]: "a list of lists of pairs of lengths",
     fields.Pairs: "a list of pairs of numbers",
     list[fields.Pair]: "a list of pairs of numbers",
@@ -59,8 +60,11 @@ _SHAPES: dict[Any, str] = {
     tool.Profiles: "a list of 2 or more pairs of lengths",
     list[fields.Point]: "a list of 2 or more pairs of lengths",
     list[tool.ToolTable]: "tables",
+    list[forming.ClampTable]: "tables",
     list[forming.StageTable]: "tables",
+    list[forming.SideName]: 'a list of `"left"`, `"right"`, `"lower"`, `"upper"`',
     list[fields.Name]: "a list of texts",
+    preform.Names: "a list of texts",
     forming.Force: 'a force, `"100 N"`, or a list of 3 forces',
 }
 
@@ -75,6 +79,8 @@ _SHAPES_OF_TOOLS = [
 _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("Outside all tables", case.Case),
     ("`[fabric]`", fabric.FabricTable),
+    ("`fabric.from_datasheet`", datasheet.DatasheetTable),
+    ("`fabric.from_datasheet.warp`, `fabric.from_datasheet.weft`", datasheet.YarnSheet),
     ("`fabric.warp`, `fabric.weft`", fabric.YarnTable),
     ("`fabric.warp.tension`, `fabric.weft.tension`", fabric.TensionLawTable),
     ("`fabric.warp.out_of_plane_moment`, `fabric.weft.out_of_plane_moment`", fabric.MomentLawTable),
@@ -82,6 +88,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.tension`", fabric.TensionTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
+    ("`preform.edges`, by name", preform.EdgeTable),
     ("`[test]`, every kind but forming", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
@@ -90,7 +97,9 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
+    ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
+    ("`stage.trim`", forming.TrimTable),
     ("`stage.turn`, by tool", tool.TurnTable),
     ("`[continuum]`", case.ContinuumTable),
     ("`[solver]`", case.SolverTable),

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: MIT
 """Kill and interrupt a test again and again, resume it, and look whether its curve comes out.
 
-    scripts/fenicsx python3 scripts/kill_test.py [--kills N] [--signals N] [--jobs J]
-        [--minutes M] [--seed S]
+    scripts/fenicsx python3 scripts/kill_test.py [--case bias|forming] [--kills N] [--signals N]
+        [--jobs J] [--minutes M] [--seed S]
 
-Each time a bias extension of 39 crossovers is started on one to three ranks, and one of them,
-or all, are sent SIGKILL, or SIGINT, SIGTERM or SIGHUP, at a random moment (nine times out of ten
-between the first checkpoint and the last result, else while the ranks start). Then the test is
-resumed on one to three ranks; every tenth is hit once more before. All must end in the curve of a
-run that was left alone. A signal must end the run, without a traceback. Exit code 0 if all is well.
+Each time a bias extension of 39 crossovers, or the forming of a hemisphere with 81, is started on
+one to three ranks, and one of them, or all, are sent SIGKILL, or SIGINT, SIGTERM or SIGHUP, at a
+random moment (nine times out of ten between the first checkpoint and the last result, else while
+the ranks start). Then the test is resumed on one to three ranks; every tenth is hit once more
+before. All must end in the curve of a run that was left alone. A signal must end the run, without a
+traceback. Exit code 0 if all is well.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from pathlib import Path
 EFFORT = ("newton_iterations", "residual_N", "tolerance_N", "cuts", "seconds")
 # No import of cruciform_petsc or mpi4py: this process starts mpirun and is no rank itself.
 
-CASE = """
+BIAS = """
 title = "To be killed"
 [fabric]
 use = "glass-pp-plain-1.93"
@@ -58,8 +59,41 @@ increments = 12
 pictures = false
 paraview = false
 """
+FORMING = """
+title = "A cup to be killed"
+[fabric]
+use = "glass-pp-plain-1.93"
+[preform]
+outline = { rectangle = ["92 mm", "92 mm"] }
+bias_angle = "0 deg"
+yarns_per_cruciform = 2
+[test]
+kind = "forming"
+[[tool]]
+name = "die"
+shape = { revolve = { opening_radius = "22.5 mm", fillet = "5 mm", outer_radius = "90 mm" } }
+friction = 0.2
+[[tool]]
+name = "punch"
+shape = { sphere = { radius = "20 mm", shaft = true } }
+friction = 0.2
+[[tool]]
+name = "holder"
+shape = { ring = { inner_radius = "29 mm", outer_radius = "90 mm" } }
+friction = 0.2
+[[stage]]
+name = "close"
+force = { holder = "20 N" }
+[[stage]]
+name = "draw"
+travel = { punch = ["0 mm", "0 mm", "-12 mm"] }
+results = 3
+[output]
+pictures = false
+"""
+CASES = {"bias": (BIAS, "curve.csv"), "forming": (FORMING, "forces.csv")}  # and their tables
 HUNG = -1000  # in place of an exit code
-WITHIN = 1e-6  # of each column's largest value
+WITHIN = 1e-6  # of the largest value in the same unit
 
 
 def command(ranks: int, *arguments: object) -> list[str]:
@@ -100,26 +134,33 @@ def ranks_of(launcher: int) -> list[int]:
     return ranks
 
 
-def read_curve(folder: Path) -> dict[str, list[float]]:
-    """Columns of a curve."""
-    with (folder / "curve.csv").open() as file:
+def read_curve(path: Path) -> dict[str, list[float]]:
+    """Columns of a curve; names of stages are text."""
+    with path.open() as file:
         rows = list(csv.DictReader(file))
-    names = [name for name in rows[0] if name not in EFFORT]  # how long it took is no matter
+    names = [name for name in rows[0] if name not in (*EFFORT, "stage")]
     return {name: [float(row[name] or "nan") for row in rows] for name in names}
 
 
 def difference(one: dict[str, list[float]], other: dict[str, list[float]]) -> float:
-    """Largest difference of two curves over the largest value of the column; energies' of all."""
+    """Largest difference of two curves over the largest value of all columns in the same unit."""
     if one.keys() != other.keys() or any(len(one[name]) != len(other[name]) for name in one):
         return float("inf")
-    energies = [v for name in other if name.startswith("energy") for v in other[name]]
+    scale: Counter[str] = Counter()
+    for name, column in other.items():
+        known = [abs(value) for value in column if value == value]
+        scale[unit(name)] = max(scale[unit(name)], *known, 1e-300)
     largest = 0.0
     for name, column in other.items():
-        scale = max(map(abs, energies if name.startswith("energy") else column))
         for a, b in zip(one[name], column, strict=True):
             if a == a or b == b:
-                largest = max(largest, abs(a - b) / scale)
+                largest = max(largest, abs(a - b) / scale[unit(name)])
     return largest
+
+
+def unit(name: str) -> str:
+    """How a column's name ends."""
+    return name.rpartition("_")[2]
 
 
 def chances_of(seed: int, what: str) -> Iterator[random.Random]:
@@ -153,11 +194,12 @@ class Outcome:
 class Runner:
     """Runs, hits and resumes one case in one folder."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, text: str, table: str):
         self.folder, self.results = folder, folder / "results"
         folder.mkdir()
         self.case, self.told = folder / "case.toml", folder / "output.txt"
-        self.case.write_text(CASE)
+        self.case.write_text(text)
+        self.table = self.results / table
         self.env = environment()
         self.start = self.work = 0.0  # seconds to the first increment, and from there to the end
 
@@ -219,7 +261,7 @@ class Runner:
 
     def reached(self) -> int:
         """Accepted increments that the curve on the disk tells of."""
-        path = self.results / "curve.csv"
+        path = self.table
         return max(len(path.read_text().splitlines()) - 1, 0) if path.exists() else 0
 
 
@@ -257,7 +299,6 @@ class Campaign:
         self.judge(trial, outcome)
         at = runner.reached()
         self.counts["before the first increment"] += at == 0
-        self.counts["while results were written"] += (runner.results / "curve.csv").exists()
         self.reached.append(at)
         # By the folder if anything is there, and in any case now and then by the case file.
         ranks, resume = chance.choice((1, 1, 1, 1, 1, 1, 1, 1, 2, 3)), ("resume", runner.results)
@@ -276,7 +317,7 @@ class Campaign:
             self.problem("LOST", trial, f"after {at} increments: {result.stdout}{result.stderr}")
             return
         self.counts["was finished" if finished else f"resumed on {ranks}"] += 1
-        gap = difference(read_curve(runner.results), self.wanted)
+        gap = difference(read_curve(runner.table), self.wanted)
         self.worst = max(self.worst, gap)
         if not gap <= WITHIN:
             self.problem("ANOTHER CURVE", trial, f"by {gap:.1e}")
@@ -319,6 +360,7 @@ class Campaign:
 def main() -> int:
     """Do all trials and tell the counts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--case", choices=CASES, default="bias")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--signals", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=2, help="trials at a time")
@@ -329,7 +371,9 @@ def main() -> int:
         signal.signal(number, signal.SIG_DFL)
     failures, deadline = [], time.monotonic() + 60.0 * arguments.minutes
     with tempfile.TemporaryDirectory(prefix="kill_test_") as name:
-        runners = [Runner(Path(name) / str(job)) for job in range(arguments.jobs)]
+        runners = [
+            Runner(Path(name) / str(job), *CASES[arguments.case]) for job in range(arguments.jobs)
+        ]
         first = runners[0]
         run = ("run", first.case, "--output", first.results)
         first.run(1, *run)  # compiles, so that the next ones tell the time
@@ -337,7 +381,7 @@ def main() -> int:
             return 1
         print(f"left alone: {first.start:.1f} s to the first of {first.reached()} increments, "
               f"{first.work:.1f} s from there", flush=True)  # fmt: skip
-        wanted = read_curve(first.results)
+        wanted = read_curve(first.table)
         for runner in runners:
             runner.start, runner.work = first.start, first.work
         for what, number, signals in (

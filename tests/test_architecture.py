@@ -33,7 +33,7 @@ ORDER = [
     {"case"},
     {"output"},
     {"estimate"},
-    {"compare", "calibrate"},
+    {"compare", "calibrate", "sweep"},
     {"run"},
     {"cli"},
     {"__main__"},

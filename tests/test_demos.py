@@ -156,7 +156,7 @@ def test_from_a_curve_to_a_prediction(tmp_path):
     section = README.read_text().split("## From a measured curve to a prediction")[1]
     section = section.split("\n## ")[0]
     lines = [line[4:] for line in section.splitlines() if line.startswith("    ")]
-    assert sum(line.startswith("cruciform-petsc") for line in lines) == 5
+    assert sum(line.startswith("cruciform-petsc") for line in lines) == 6
     script = "\n".join(line for line in lines if not line.startswith("xdg-open"))
     (tmp_path / "demos").symlink_to(DEMOS)
     done = subprocess.run(
@@ -172,7 +172,7 @@ def test_from_a_curve_to_a_prediction(tmp_path):
     found = tomllib.loads((results / "calibrate_glass_pp" / "law.toml").read_text())
     assert summary["case"]["fabric"]["shear"]["points"] == found["fabric"]["shear"]["points"]
     assert (results / "predicted" / "report.html").stat().st_size > 100_000
-    for name in ("comparison", "results/two_sizes"):
+    for name in ("comparison", "results/two_sizes", "results/by_strain"):
         assert (tmp_path / name / "comparison.json").exists()
 
 
@@ -192,6 +192,14 @@ def test_ten_lines_of_python(tmp_path):
     assert script_of(README, "Ten lines of Python", tmp_path, 2).count("Comparison(") == 2
     assert (tmp_path / "bias.png").exists()
     assert (tmp_path / "bias.vtkhdf").stat().st_size > 10_000
+
+
+def test_sweep_from_python(tmp_path):
+    """Also where mpirun has started the script, on one rank."""
+    (tmp_path / "demos").symlink_to(DEMOS)
+    said = script_of(DEMOS.parent / "docs" / "sweeps.md", "Several values of a key", tmp_path, 1)
+    assert said.startswith("[30.0, 45.0] [")
+    assert said.endswith("['done', 'done']\n")
 
 
 def test_checkpoint_from_python(tmp_path):

@@ -6,6 +6,7 @@ import time
 
 import pytest
 from mpi4py import MPI
+from support.forming import written
 
 from cruciform_petsc import memory
 from cruciform_petsc.case.schema import Case
@@ -106,6 +107,20 @@ def test_estimate_of_a_membrane(tmp_path):
     part = estimate(made)[1]
     cells = Membrane(MPI.COMM_SELF, made.preform(), made.fabric(), 4e-3).cells
     assert 1.0 <= cells / float(part.size.split()[1].replace(",", "")) < 3.0
+
+
+def test_estimate_of_a_membrane_among_tools(tmp_path):
+    """Triangles and unknowns of linear elements, half as wide as the net's pitch."""
+    from cruciform_petsc.continuum.sheet import Sheet
+
+    path = written(tmp_path)
+    made = Case.load(path, ["continuum.compare=true"])
+    network = Network(MPI.COMM_SELF, made.preform(), made.fabric())
+    sheet = Sheet(network, 0.5 * float(network.pitch.min()))
+    words = estimate(made)[1].size.split()
+    triangles, unknowns = (float(words[i].replace(",", "")) for i in (1, 4))
+    assert triangles == pytest.approx(sheet.cells, rel=0.1)
+    assert unknowns == pytest.approx(3 * sheet.nodes.num_nodes_global, rel=0.2)
 
 
 @pytest.mark.parametrize(

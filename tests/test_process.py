@@ -448,7 +448,7 @@ def test_full_disk_while_pictures_are_drawn(case, tmp_path):
     ]
     names = {path.name for path in out.iterdir()}
     assert names == {
-        ".cruciform-petsc.json", "checkpoint", "curve.csv", "centre_line.csv",
+        ".cruciform-petsc.json", "checkpoint", "curve.csv", "centre_line.csv", "run.log",
     }  # fmt: skip
     result = cruciform_petsc(0, "resume", out)
     assert result.returncode == 0, result.stderr

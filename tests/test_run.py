@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support.runs import CASE
 
 from cruciform_petsc import __version__
 from cruciform_petsc.case.schema import Case
@@ -24,6 +25,7 @@ from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.experiments.result import EFFORT
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.figures import figures
+from cruciform_petsc.output.folder import LOG as LOG_FILE
 from cruciform_petsc.output.folder import MANIFEST, OF_RUN
 from cruciform_petsc.output.report import CAPTIONS
 from cruciform_petsc.quantities import quantity
@@ -155,6 +157,23 @@ def test_results_say_where_they_come_from(tmp_path):
         assert abs((datetime.now(UTC) - written).total_seconds()) < 600.0
 
 
+def test_the_log_is_kept(tmp_path):
+    """With times, also what --quiet leaves out; a resumed run goes on; and why one ended early."""
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.replace("increments = 40", "increments = 2"))
+    words = ["run", str(path), "--output", str(tmp_path / "out")]
+    log = tmp_path / "out" / LOG_FILE
+    assert main([*words, "--quiet"]) == 0
+    told = log.read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  ", line) for line in told)
+    assert sum("Newton iterations" in line and "extension" in line for line in told) == 2
+    log.write_text("of old\n")
+    assert main([*words, "--set", "test.extension=90 mm", "--set", "preform.bias_angle=0 deg"]) == 2
+    told = log.read_text()
+    assert "of old" not in told
+    assert "a yarn is stretched to more than twice its length" in told.splitlines()[-1]
+
+
 def test_nothing_stays_of_an_earlier_run(tmp_path, caplog):
     """All that a run can write is removed by the next one; other people's files are not."""
     everything = {"pictures": True, "exports": True}
@@ -162,7 +181,7 @@ def test_nothing_stays_of_an_earlier_run(tmp_path, caplog):
     (tmp_path / "notes.txt").write_text("mine")
     there = {path.name for path in tmp_path.iterdir()} - {"notes.txt", MANIFEST}
     assert len(there) > 10
-    assert there | CAPTIONS.keys() <= set(OF_RUN)
+    assert there - {LOG_FILE} | CAPTIONS.keys() <= set(OF_RUN)
     with caplog.at_level(logging.INFO, LOG.name):
         run(MPI.COMM_SELF, tmp_path, case(extension="1 mm"))
     assert 'replaces the results of "' in caplog.text
@@ -212,7 +231,7 @@ def test_increments_on_disk_and_in_the_log(tmp_path, caplog):
         assert root["Steps"].attrs["NSteps"] == 7
         assert root["Steps/Values"][1:] == pytest.approx(steps["extension_mm"])
         assert root.attrs["asked"][1:].tolist() == steps["asked"].tolist()
-        moved = root["PointData/displacement"][:].reshape(7, -1, 3)[..., 1].max(axis=1)
+        moved = root["PointData/displacement_m"][:].reshape(7, -1, 3)[..., 1].max(axis=1)
     assert 1e3 * moved == pytest.approx([0.0, *steps["extension_mm"]], abs=1e-3)
 
 

@@ -11,19 +11,28 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
+import shapely
+import shapely.affinity
 from pydantic import Field, PlainValidator, model_validator
+from pydantic.json_schema import GenerateJsonSchema
 
 from ..cloth.fabric import Fabric, FabricTable
-from ..cloth.preform import Preform, PreformTable
+from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import kind_class, pick_table
+from ..experiments.registry import every_table, kind_class, pick_table
 from ..experiments.table import small_unless_told
-from ..fields import Counts, Name, OneOf, Size, Table, Title
+from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.kind import Forming
-from ..forming.table import FormingTable, StageTable, check_stages
+from ..forming.table import (
+    ClampTable,
+    FormingTable,
+    StageTable,
+    check_pressure,
+    check_stages,
+)
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
 from ..solvers.settings import check_settings
@@ -35,6 +44,11 @@ if TYPE_CHECKING:
 
     from ..net.network import Network
 
+# A key as `--set` has it: tables' names, and numbers of those in a list, from zero as in sentences.
+_PART = r"[\w-]+(?:\[\d{1,4}\])*"
+KEY = rf"\s*{_PART}\s*(?:\.\s*{_PART}\s*)*"
+_KEYS = re.compile(r"([\w-]+)|\[(\d+)\]")
+
 
 class ContinuumTable(Table):
     """[continuum]: the membrane to compare with."""
@@ -45,9 +59,10 @@ class ContinuumTable(Table):
     """Whether the membrane resists the bending of yarns. The default: where the network does and
     test.finite = true. Example: `true`"""
     mesh_size: Size | None = None
-    """Of the membrane. The default is the program's choice."""
+    """Of the membrane. The default is the program's choice; of a forming half the net's pitch."""
     ladder: Counts | None = None
-    """Compare finer and finer nets: values of refine. Example: `[1, 2, 4]`"""
+    """Compare finer and finer nets: values of refine, of a forming with its yarns_per_cruciform.
+    Example: `[1, 2, 4]`"""
 
     @property
     def mesh_size_si(self) -> float | None:
@@ -78,7 +93,12 @@ class OutputTable(Table):
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
-    """crossovers.csv and preform.inp for other codes (docs/exports.md)."""
+    """Files for other codes (docs/exports.md): crossovers.csv and preform.inp, of a forming
+    cells.csv and decks for Abaqus, CalculiX and OpenRadioss."""
+    part_outline: OutlineTable | None = None
+    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
+    rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
+    Example: `{ rectangle = ["160 mm", "120 mm"] }`"""
     report: bool | None = None
     """report.html, one page with everything; by default if pictures are on. Example: `true`"""
     measured: Name | None = None
@@ -87,6 +107,17 @@ class OutputTable(Table):
     measured_columns: Name | None = None
     """Titles of its two columns, or their numbers, where units leave a choice.
     Example: `"Extension (mm),Load (N)"`"""
+
+    @property
+    def part(self) -> shapely.Polygon | None:
+        """The part's outline in plan, m."""
+        if self.part_outline is None:
+            return None
+        polygon, _ = self.part_outline.build()
+        if self.part_outline.polygon is not None or self.part_outline.file is not None:
+            return polygon
+        low, high = polygon.bounds[1], polygon.bounds[3]
+        return shapely.affinity.translate(polygon, 0.0, -0.5 * (low + high))
 
     @property
     def wants_report(self) -> bool:
@@ -103,10 +134,12 @@ class Case(Table):
     """The cloth."""
     preform_table: PreformTable = Field(alias="preform")
     """What was cut from it."""
-    test: Annotated[Any, OneOf(pick_table)]
+    test: Annotated[Any, OneOf(pick_table, every_table)]
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
+    clamps: list[ClampTable] = Field(alias="clamp", default=[])
+    """Edges of its blank that are held, `[[clamp]]`."""
     stages: list[StageTable] = Field(alias="stage", default=[])
     """What they do, one after the other, `[[stage]]`."""
     continuum: ContinuumTable = ContinuumTable()
@@ -129,13 +162,17 @@ class Case(Table):
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
         """Read and check a TOML file.
 
-        ``overrides`` are like "preform.refine=4", with a value in TOML, or a bare text. Raises
-        InputError for anything wrong with the file, its keys and values, the fabric, the outline,
-        or the edges the test needs: all problems at once, with their lines in the file.
+        ``overrides`` are like "preform.refine=4" or "tool[0].friction=0.2", with a value in TOML,
+        or a bare text. Raises InputError for anything wrong with the file, its keys and values, the
+        fabric, the outline, or the edges the test needs: all problems at once, with their lines in
+        the file.
         """
         text, data = read_toml(path, "case file")
         # As paths that a resumed run, or one in another folder, still finds.
         paths = [(data.get("output"), "measured")]
+        for name, key in (("preform", "outline"), ("output", "part_outline")):
+            if isinstance(data.get(name), dict):
+                paths.append((data[name].get(key), "file"))
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
@@ -153,7 +190,7 @@ class Case(Table):
                 FabricTable.from_data(data["fabric"], "fabric").build("")
             with problems.caught():
                 PreformTable.from_data(data["preform"], "preform").build()
-        others = [tuple(key.strip() for key in o.partition("=")[0].split(".")) for o in overrides]
+        others = [tuple(re.findall(r"[\w-]+", o.partition("=")[0])) for o in overrides]
         raise InputError(*with_lines(str(path), text, list(dict.fromkeys(problems)), others))
 
     @classmethod
@@ -170,7 +207,7 @@ class Case(Table):
     def preform(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the case's (for a ladder)."""
         preform = self.preform_table.build(refine)
-        return preform.centred() if self.test.centred else preform
+        return self.test.placed(preform)
 
     def experiment(
         self, network: Network, *, bending: bool | None = None, controls: Any = None
@@ -191,7 +228,9 @@ class Case(Table):
     def forming(self, network: Network) -> Forming:
         """Make the forming of the case's network, with its tools and stages. Collective."""
         given = {key: value for key, value in self.test if key != "kind"}
-        return Forming(network, self.tools, self.stages, **given, options=self.solver.options)
+        return Forming(
+            network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
+        )
 
     @property
     def second_gradient(self) -> bool:
@@ -204,24 +243,49 @@ class Case(Table):
         dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
         return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
+    @classmethod
+    def paths(cls) -> list[str]:
+        """Keys of a case file as `--set` has them, those of every kind of test."""
+        found: dict[str, None] = {}
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            below = list(every_table() if name == "test" else tables_in(field.annotation))
+            several = get_origin(field.annotation) is list
+            above = f"{key}[0]" if several else key
+            paths = [f"{above}.{each}" for table in below for each in table.keys()]  # noqa: SIM118
+            found |= dict.fromkeys(paths or [above])
+        return list(found)
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """JSON schema of a case file, for editors that know TOML: keys, texts about them, defaults.
+
+        It says less than `load` checks: that a text is a quantity, but not of which unit.
+        """
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+        schema = cls.model_json_schema(by_alias=True, schema_generator=_Schema)
+        return head | _without_null(schema) | {"title": "case file"}
+
     def check_together(self) -> None:
         """Check what no single table can know."""
         problems = Problems()
         forming = isinstance(self.test, FormingTable)
         if forming:
             with problems.caught():
-                check_stages(self.tools, self.stages, self.test.gravity)
+                check_stages(self.test, self.tools, self.stages, self.clamps)
         else:
-            for key, told in (("tool", self.tools), ("stage", self.stages)):
+            for key, told in (
+                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
+            ):  # fmt: skip
                 if told:
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
-            ("continuum.compare", self.continuum.compare),
-            ("continuum.ladder", forming and self.continuum.ladder is not None),
-            ("output.exports", self.output.exports),
+            ("continuum.compare", self.continuum.compare and not forming),
+            ("continuum.second_gradient", forming and self.continuum.second_gradient),
+            ("output.exports", self.output.exports and not forming),
             ("output.scene", forming and self.output.scene),
             ("output.measured", forming and self.output.measured is not None),
         ):
@@ -229,11 +293,19 @@ class Case(Table):
                 problems.append(f"{key} is not for forming, leave it out")
             elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
-        if self.continuum.ladder is not None and self.preform_table.yarns_per_cruciform > 1:
+        coarse = self.preform_table.yarns_per_cruciform > 1 and not forming
+        if self.continuum.ladder is not None and coarse:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        part = self.output.part
+        if part is not None:
+            if not forming:
+                problems.append("output.part_outline is for a forming, leave it out")
+            elif not part.is_valid:
+                problems.append("output.part_outline crosses itself, or its holes do not fit in it")
+        beside = self.continuum.compare or self.continuum.ladder
         size, fabric, preform = self.continuum.mesh_size, None, None
         with problems.caught():
             fabric = self.fabric()
@@ -243,6 +315,14 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming:
+            with problems.caught():
+                check_pressure(self.test, preform, self.stages, self.clamps)
+        if preform and forming and beside:
+            if self.clamps:
+                problems.append("[[clamp]] is not for a forming with a membrane beside it")
+            with problems.caught():
+                preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float
             try:
                 preform.edge(edge)
@@ -256,11 +336,28 @@ class Case(Table):
         problems.tell()
 
 
+class _Schema(GenerateJsonSchema):
+    """Without a word about defaults that are quantities, which the texts about keys tell."""
+
+    ignored_warning_kinds: set[Any] = {"skipped-choice", "non-serializable-default"}  # noqa: RUF012
+
+
+def _without_null(schema: Any) -> Any:
+    """The same for TOML, which has no null: keys are left out."""
+    if isinstance(schema, list):
+        return [_without_null(part) for part in schema if part != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {key: _without_null(value) for key, value in schema.items() if value is not None}
+    if len(kept.get("anyOf", [])) == 1:
+        kept |= kept.pop("anyOf")[0]
+    return kept
+
+
 def _apply(data: dict[str, Any], override: str) -> None:
     """Put one "table.key=value" into the data."""
     name, equals, text = override.partition("=")
-    keys = [key.strip() for key in name.split(".")]
-    if not equals or not all(re.fullmatch(r"[\w-]+", key) for key in keys):
+    if not equals or not re.fullmatch(KEY, name):
         raise InputError(f'--set "{override}" is not of the form preform.refine=4')
     try:
         value = parse_toml(f"value = {text}")
@@ -268,8 +365,22 @@ def _apply(data: dict[str, Any], override: str) -> None:
     except ValueError:
         setting = text.strip()
     table: Any = data
-    for i, key in enumerate(keys[:-1], 1):
-        table = table.setdefault(key, {})
-        if not isinstance(table, dict):
-            raise InputError(f'--set "{override}": {".".join(keys[:i])} is a value, not a table')
-    table[keys[-1]] = setting
+    place = ""
+    keys = _KEYS.findall(name)
+    for n, (key, index) in enumerate(keys, 1):
+        problem = ""
+        if index:
+            if not isinstance(table, list) or int(index) >= len(table):
+                problem = f"there is no {place}[{index}]"
+        elif isinstance(table, list):
+            problem = f"{place} is a list, write {place}[0].{key}"
+        elif not isinstance(table, dict):
+            problem = f"{place} is a value, not a table"
+        if problem:
+            raise InputError(f'--set "{override}": {problem}')
+        place += f"[{index}]" if index else f".{key}" if place else key
+        at = int(index) if index else key
+        if n == len(keys):
+            table[at] = setting
+        else:
+            table = table[at] if index else table.setdefault(at, {})

@@ -19,16 +19,26 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from ..errors import InputError, Problems, unknown
-from ..fields import Number, Of, Pairs, Quantities, Table, si_values
+from ..fields import Number, Of, Pairs, Quantities, Read, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..laws import table as table_law
 from ..units import LIMITS, MEASURES, Quantity, format_si
+from .datasheet import (
+    COMPRESSION,
+    HOW,
+    SHEAR,
+    DatasheetTable,
+    Estimate,
+    contradiction,
+    sentence,
+)  # fmt: skip
+from .weave import Weave
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
 _SAME_SLOPE = 1e-9  # relative; room for rounding only, the modulus is taken from the law
@@ -42,6 +52,8 @@ _SHEAR_LAWS = {
     "polynomial": ("coefficients",),
     "sin-potential": ("coefficients",),
 }
+# Laws in place of rigidities and moduli.
+_INSTEAD = {"modulus": "tension", "out_of_plane_bending": "out_of_plane_moment"}
 # What not every test needs, with its SI unit.
 _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
@@ -113,6 +125,8 @@ class Fabric:
     """Of the cloth at rest [m]; for contact, exports and pictures in space."""
     fibre_density: float | None = None
     """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
+    weave: str = "plain"
+    """Or "twill 2/2", "satin 5" (`Weave.named`); for pictures of yarns in space."""
 
     def __post_init__(self) -> None:
         """Check that such a cloth can exist."""
@@ -151,6 +165,10 @@ class Fabric:
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
                 problems += _number(name, getattr(self, name), unit)
+        try:
+            Weave.named(self.weave)
+        except InputError as error:
+            problems.append(f"fabric.weave {error}")
         problems.tell()
         fraction = self.fibre_volume_fraction
         if self.thickness is not None and fraction is not None and fraction > 1.0:
@@ -183,7 +201,7 @@ class Fabric:
 
         See docs/case-file.md; there may also be a ``source``. What is None counts as missing.
         """
-        return _LibraryTable.from_data(dict(table), "fabric").build(name)
+        return LibraryTable.from_data(dict(table), "fabric").build(name)
 
     @classmethod
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
@@ -447,6 +465,7 @@ class MomentLawTable(Table):
 class YarnTable(Table):
     """[fabric] warp and weft."""
 
+    _needs_modulus: ClassVar[bool] = True
     # before modulus, whose check asks for it
     tension: TensionLawTable | None = None
     """A law in place of the modulus; needs poisson = 0 (docs/laws.md)."""
@@ -470,7 +489,7 @@ class YarnTable(Table):
     @classmethod
     def _or_tension(cls, modulus: Quantity | None, info: ValidationInfo) -> Quantity | None:
         tension = info.data.get("tension", ...)  # not there: given, and wrong in itself
-        if modulus is None and tension is None:
+        if modulus is None and tension is None and cls._needs_modulus:
             raise ValueError("is missing")
         if modulus is not None and isinstance(tension, TensionLawTable):
             raise ValueError("cannot stand beside tension, a law in its place")
@@ -495,6 +514,37 @@ class YarnTable(Table):
         modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
         bending = self.yarn_bending.si
         return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, bending, out), law
+
+
+class YarnChanges(YarnTable):
+    """[fabric] warp and weft beside from_datasheet: what replaces its estimates."""
+
+    _needs_modulus: ClassVar[bool] = False
+    yarns: Annotated[Quantity, Of("1/m")] | None = None  # type: ignore[assignment]
+    yarn_bending: Annotated[Quantity, Of("N*m**2")] | None = None  # type: ignore[assignment]
+
+    @field_validator("yarns")
+    @classmethod
+    def _in_the_sheet(cls, yarns: Quantity | None) -> None:
+        if yarns is not None:
+            raise ValueError("stands in fabric.from_datasheet, leave it out here")
+
+
+class _Side(Read):
+    """A `YarnTable`, or beside a data sheet what replaces values of it."""
+
+    def read(self, value: Any, info: Any) -> YarnTable:
+        """Read it as what it is."""
+        if isinstance(value, YarnTable):
+            return value
+        sheet = info.data.get("from_datasheet", ...)  # not there: given, and wrong in itself
+        model = YarnTable if sheet is None else YarnChanges
+        return model.model_validate(value, context=info.context)
+
+    def json_schema(self, handler: Any) -> dict[str, Any]:
+        """See `Read`."""
+        tables = (YarnTable, YarnChanges)
+        return {"anyOf": [handler(table.__pydantic_core_schema__) for table in tables]}
 
 
 class ShearTable(Table):
@@ -576,16 +626,27 @@ class TensionTable(Table):
     """Strain over which the stiffness falls. About buckling stress over modulus."""
 
 
+def _woven(name: str) -> str:
+    try:
+        Weave.named(name)
+    except InputError as error:
+        raise ValueError(str(error)) from None
+    return name
+
+
 class FabricTable(Table):
-    """[fabric]: a name from the library, maybe with laws of one's own, or the values."""
+    """[fabric]: a name from the library, maybe with laws of one's own, a data sheet, or values."""
 
     use: str | None = None
-    """A fabric of the library (cruciform-petsc fabrics). Or warp, weft and shear.
-    Example: `"glass-pp-plain-1.93"`"""
-    warp: YarnTable | None = None
-    """Values of one's own, in place of use. Example:
+    """A fabric of the library (cruciform-petsc fabrics). Or from_datasheet, or warp, weft and
+    shear. Example: `"glass-pp-plain-1.93"`"""
+    from_datasheet: DatasheetTable | None = None
+    """Yarns and fibres, from which all else is estimated that does not stand beside it
+    (docs/datasheet.md)."""
+    warp: Annotated[YarnTable, _Side()] | None = None
+    """Values of one's own, in place of use, or of the data sheet's estimates. Example:
     `{ modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }`"""
-    weft: YarnTable | None = None
+    weft: Annotated[YarnTable, _Side()] | None = None
     """Beside warp, alike."""
     shear: ShearTable | None = None
     """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
@@ -600,6 +661,9 @@ class FabricTable(Table):
     """Of the cloth at rest. For contact, exports and scene.png."""
     fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
     """Of what the yarns consist of. For exports."""
+    weave: Annotated[str, AfterValidator(_woven)] | None = None
+    """How the yarns cross, for scene.png. The default is plain, or the library's. "plain", "twill
+    2/2" (warps over 2 wefts and under 2), "satin 5" (5 harnesses). Example: `"twill 2/2"`"""
 
     @field_validator("use")
     @classmethod
@@ -616,17 +680,31 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness "
-                "and fibre_density may stand)"
+                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness, "
+                "fibre_density and weave may stand)"
             )
-        if self.use is None and missing:
+        if self.use is not None and self.from_datasheet is not None:
+            raise ValueError("needs either use or from_datasheet, not both")
+        if self.use is None and self.from_datasheet is None and missing:
             raise ValueError(
-                f"needs use, or warp, weft and shear ({' and '.join(missing)} missing)"
+                f"needs use, from_datasheet, or warp, weft and shear ({' and '.join(missing)} "
+                "missing)"
             )
         return self
 
     def filled_in(self) -> list[str]:
-        """What was left out and is assumed, in sentences."""
+        """What was left out and is assumed or estimated, in sentences."""
+        if self.use is not None:
+            given = self._given("use")
+            entry = _published(self.use)
+            return [
+                *(f"{key}: assumed, {why}" for key, why in entry.assumed.items()
+                  if key.split(" ")[0].rpartition(".")[2] not in given),
+                *entry.model_copy(update=given).filled_in(),
+            ]  # fmt: skip
+        if self.from_datasheet is not None:
+            table, sentences = self._with_estimates()
+            return [*sentences, *table.filled_in()]
         yarns = {"warp": self.warp, "weft": self.weft}
         left_out = [side for side, table in yarns.items() if table and table.poisson is None]
         if not left_out:
@@ -636,11 +714,66 @@ class FabricTable(Table):
         value = getattr(self.build(""), left_out[0]).poisson
         return [f"fabric.{left_out[0]}.poisson is taken as {value:.6g}, by reciprocity"]
 
+    def questions(self) -> list[str]:
+        """What may be meant otherwise."""
+        asked = [] if self.shear is None else [self.shear.question()]
+        if self.from_datasheet is not None and self.areal_density is not None:
+            mass = self._estimate(self.from_datasheet).cloth["areal_density"]
+            asked.append(contradiction(mass, self.areal_density.si))
+        return [question for question in asked if question]
+
+    def _given(self, *but: str) -> dict[str, Any]:
+        """Keys that are there."""
+        values = {key: getattr(self, key) for key in FabricTable.model_fields if key not in but}
+        return {key: value for key, value in values.items() if value is not None}
+
+    def _estimate(self, sheet: DatasheetTable) -> Estimate:
+        thickness = None if self.thickness is None else self.thickness.si
+        return sheet.estimate(Weave.named(self.weave or "plain"), thickness)
+
+    def _with_estimates(self) -> tuple[FabricTable, list[str]]:
+        """The same without the data sheet; and what of it is estimated or assumed, in sentences."""
+        sheet, given = self.from_datasheet, self._given("from_datasheet")
+        assert sheet is not None
+        estimate = self._estimate(sheet)
+        told: dict[str, dict[str, float]] = {}
+
+        def fill_in(table: dict[str, Any], place: str, key: str, value: float) -> None:
+            told.setdefault(key, {})[place] = value
+            table[key] = Quantity.read(value, HOW[key][0], bare=True)
+
+        for side in ("warp", "weft"):
+            changes = given.get(side) or YarnChanges()
+            own = {key: value for key, value in changes if value is not None}
+            given[side] = own | {"yarns": getattr(sheet, side).yarns}
+            if getattr(sheet, side).crimp is None:
+                told.setdefault("crimp", {})[f"fabric.from_datasheet.{side}.crimp"] = (
+                    estimate.crimp[side]
+                )
+            for key, value in estimate.sides[side].items():
+                of_all = key == "out_of_plane_bending" and key in given
+                if not of_all and not {key, _INSTEAD.get(key)} & own.keys():
+                    fill_in(given[side], f"fabric.{side}.{key}", key, value)
+        for key, value in estimate.cloth.items():
+            if key not in given:
+                fill_in(given, f"fabric.{key}", key, value)
+        if "shear" not in given:
+            given["shear"] = {"modulus": Quantity.read(SHEAR, "N/m/rad", bare=True)}
+            told["shear"] = {"fabric.shear.modulus": SHEAR}
+        if "tension" not in given:
+            given["tension"] = {"compression": COMPRESSION}
+            told["compression"] = {"fabric.tension.compression": COMPRESSION}
+        told.pop("fibre_density", None)
+        sentences = [sentence(key, values) for key, values in told.items()]
+        return FabricTable.from_data(given, "fabric"), sentences
+
     def build(self, name: str) -> Fabric:
         """Make the fabric; one of the library keeps its name, with what is replaced."""
-        given = {key: value for key, value in self if value is not None}
+        source = getattr(self, "source", "")
+        if self.from_datasheet is not None:
+            return replace(self._with_estimates()[0].build(name), source=source)
+        given = self._given("use")
         if self.use is not None:
-            del given["use"]
             replaced = f", {' and '.join(given)} replaced" if given else ""
             return _published(self.use).model_copy(update=given).build(self.use + replaced)
         (warp, warp_law), (weft, weft_law) = given["warp"].build(), given["weft"].build()
@@ -660,7 +793,7 @@ class FabricTable(Table):
             warp,
             weft,
             shear_modulus=shear.stiffness0,
-            source=given.get("source", ""),
+            source=source,
             shear_law=None if shear.name == "linear" else shear,
             warp_law=warp_law,
             weft_law=weft_law,
@@ -668,29 +801,35 @@ class FabricTable(Table):
             compression=tension.compression,
             compression_width=tension.compression_width,
             **{key: given[key].si for key in _PLY_DATA if key in given},
+            weave=self.weave or "plain",
         )
 
 
-class _LibraryTable(FabricTable):
+class LibraryTable(FabricTable):
     """A fabric of fabrics.toml."""
 
     source: str = ""
+    """Where its values come from."""
     notes: str = ""
+    """What was published, in words."""
+    assumed: dict[str, str] = Field(default={})
+    """What was not and is assumed, by place: "fabric.warp.modulus and fabric.weft.modulus"."""
 
 
 @lru_cache(maxsize=1)
-def _library() -> dict[str, _LibraryTable]:
+def library() -> dict[str, LibraryTable]:
+    """The fabrics of the library, by name."""
     text = (files("cruciform_petsc.cloth") / "fabrics.toml").read_text(encoding="utf-8")
     entries = tomllib.loads(text).items()
-    return {name: _LibraryTable.from_data(entry, f'"{name}"') for name, entry in entries}
+    return {name: LibraryTable.from_data(entry, f'"{name}"') for name, entry in entries}
 
 
-def _published(name: str) -> _LibraryTable:
-    if name not in _library():
-        raise unknown(f'fabric "{name}" in the library', name, _library())
-    return _library()[name]
+def _published(name: str) -> LibraryTable:
+    if name not in library():
+        raise unknown(f'fabric "{name}" in the library', name, library())
+    return library()[name]
 
 
 def fabric_names() -> list[str]:
     """Names of the fabrics in the library."""
-    return list(_library())
+    return list(library())

@@ -11,25 +11,31 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Self
 
 import numpy as np
 import shapely
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, field_validator, model_validator
 from shapely.geometry.polygon import orient
+from shapely.ops import substring
 from shapely.validation import explain_validity
 
 from ..errors import InputError, shown
-from ..fields import Count, Of, Point, Ring, Rings, Sides, Table, si_values
+from ..fields import Count, Lines, Name, Of, Point, Ring, Rings, Sides, Size, Table, si_values
 from ..units import Quantity, format_si
+from . import rings
+from .drawing import read_drawing
 from .fabric import Fabric
 
 _SMALLEST = 1e-18  # m^2, of an area, beyond which shapely takes points for one
 _LARGEST = 1e9  # m, of a coordinate; squares of areas must not overflow
 LARGE = 10.0  # m, of a specimen: larger ones are hardly meant
+_ALONG = 1e-6  # of the outline's size: how far a side may turn from a yarn
+_NEAR = 1e-3  # of the outline's size: how far off it a point may lie that is meant to be on it
+_SLIT = 2e-5  # of the outline's size: width of a slit, less than a yarn's, more than lattice.SNAP
 _ROUNDING = 1e-9  # relative to the outline's size: what counts as rounding
 
 # Straight pieces of the outline with names of their own: axis, and which end of it.
@@ -123,17 +129,29 @@ class Preform:
         """Centre of the outline's bounding box, float (2,) [m]."""
         return np.mean(np.reshape(self.outline.bounds, (2, 2)), axis=0)
 
-    def centred(self) -> Preform:
-        """The same with the centre of its bounding box at x = y = 0."""
-        x, y = self.middle
-        origin = None if self.origin is None else (self.origin[0] - x, self.origin[1] - y)
-        named = {"outline", "hole", *_SIDES}
+    def centred(self, planes: Collection[str] = ()) -> Preform:
+        """The same with the centre of its bounding box at x = y = 0.
+
+        Of a part between planes of symmetry, ``planes`` names its sides there: "left" or "right" is
+        put at x = 0, "lower" or "upper" at y = 0, and a crossover where they meet by default. Of
+        two that face each other the centre is between them.
+        """
+        shift = self.middle
+        for axis, sides in enumerate((("left", "right"), ("lower", "upper"))):
+            there = [side for side in sides if side in planes]
+            if len(there) == 1:
+                shift[axis] = self.edge(there[0])[0, 0, axis]
+        if self.origin is None:
+            origin = (0.0, 0.0) if planes else None
+        else:
+            origin = (self.origin[0] - shift[0], self.origin[1] - shift[1])
+        automatic = _named_edges(self.outline)
         edges = {
-            name: segments - self.middle
+            name: segments - shift
             for name, segments in self.edges.items()
-            if name.partition("-")[0] not in named
+            if not np.array_equal(segments, automatic.get(name, ()))
         }
-        outline = shapely.transform(self.outline, lambda xy: xy - self.middle)
+        outline = shapely.transform(self.outline, lambda xy: xy - shift)
         return replace(self, outline=outline, origin=origin, edges=edges)
 
     def sides(self, tolerance: float = 1e-9) -> tuple[float, float] | None:
@@ -155,7 +173,8 @@ class Preform:
         """Cut a rectangle: x in [-width/2, width/2], y in [0, length].
 
         Lengths and the angle have a unit ("75 mm", "45 deg") or are in SI. ``holes`` are lists of
-        corners; options are ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
+        corners; options are ``slits`` and ``darts``, lists of points (see OutlineTable),
+        ``refine``, ``yarns_per_cruciform``, ``origin`` and ``edges``.
         """
         outline = {"rectangle": [width, length], "holes": holes}
         return cls._cut(outline, bias_angle, options)
@@ -172,17 +191,38 @@ class Preform:
         return cls._cut({"polygon": points, "holes": holes}, bias_angle, options)
 
     @classmethod
+    def shape(
+        cls,
+        outline: Mapping[str, Any],
+        bias_angle: Length = "45 deg",
+        **options: Any,
+    ) -> Preform:
+        """Cut what ``[preform] outline`` of a case file can be (docs/case-file.md).
+
+        Drawings are looked for from the working folder. Options as for `rectangle`.
+
+        >>> blank = Preform.shape({"circle": "300 mm"}, "0 deg")
+        >>> blank.edge("rim").shape
+        (240, 2, 2)
+        """
+        return cls._cut(dict(outline), bias_angle, options)
+
+    @classmethod
     def _cut(cls, outline: dict, bias_angle: Length, options: dict) -> Preform:
+        outline |= {key: options.pop(key) for key in ("slits", "darts") if key in options}
         table = OutlineTable.from_data(outline, "preform.outline", bare=True)
-        shape = table.build()
-        given, size = outline.get("rectangle", outline.get("polygon")), np.ptp(shape.bounds[::2])
+        shape, edges = table.build()
+        given = next(outline[name] for name in SHAPES if name in outline)
+        given = given if isinstance(given, list | tuple | np.ndarray) else [given]
+        size = np.ptp(shape.bounds[::2])
         size = max(size, np.ptp(shape.bounds[1::2]))
         if size > LARGE and all(np.asarray(row).dtype.kind in "fiu" for row in given):
             raise InputError(
                 f"preform.outline is {size:g} m large, as lengths without unit are metres, "
                 f'did you mean "{size:g} mm"?'
             )
-        return cls(shape, bias_angle, **options)  # type: ignore[arg-type]
+        own = dict(options.pop("edges", None) or {})
+        return cls(shape, bias_angle, edges=edges | own, **options)  # type: ignore[arg-type]
 
     @property
     def warp_direction(self) -> np.ndarray:
@@ -213,6 +253,20 @@ class Preform:
                 f'{whose} needs yarns along the edges: preform.bias_angle = "0 deg" or "90 deg", '
                 f'got "{format_si(self.bias_angle, "rad")}"'
             )
+
+    def along_yarns(self, whose: str) -> shapely.Polygon:
+        """Outline by coordinates along warp and weft [m]; InputError unless its sides do.
+
+        ``whose``: need it is, for the InputError.
+        """
+        outline = shapely.transform(self.outline, lambda x: x @ self.rotation.T)
+        rings = [shapely.get_coordinates(r) for r in (outline.exterior, *outline.interiors)]
+        sides = abs(np.concatenate([np.diff(ring, axis=0) for ring in rings]))
+        if not (sides.min(axis=1) <= _ALONG * self.size.max()).all():
+            raise InputError(f"{whose} needs an outline whose sides run along the yarns")
+        if sides.max(axis=1).min() < 2.0 * _SLIT * self.size.max():
+            raise InputError(f"{whose} needs an outline without slits")
+        return outline
 
     def pitch(self, fabric: Fabric) -> tuple[float, float]:
         """Distance of crossovers along a warp yarn (between wefts) and along a weft yarn [m]."""
@@ -359,32 +413,205 @@ def _segments_on(outline: shapely.Polygon, name: str, segments: Any) -> np.ndarr
 
 
 class OutlineTable(Table):
-    """[preform] outline: a rectangle (width, length), or a polygon with holes."""
+    """[preform] outline: one shape, or a drawing; with holes."""
 
     rectangle: Sides | None = None
-    """Width and length. x from -width/2 to width/2, y from 0 to the length.
+    """Width and length. x from -width/2 to width/2, y from 0 to the length, as of all shapes.
     Example: `["100 mm", "200 mm"]`"""
+    corner_radius: Size | None = None
+    """Of a rectangle: its corners are arcs, the edges corner-1 (upper right) to corner-4,
+    counter-clockwise. Example: `"20 mm"`"""
+    circle: Size | None = None
+    """Diameter; 240 corners, the edge rim. Example: `"300 mm"`"""
+    ellipse: Sides | None = None
+    """Width and length; the edge rim. Example: `["200 mm", "300 mm"]`"""
+    slot: Sides | None = None
+    """Width and length of a rectangle whose shorter sides are half circles, the edges arc-1 and
+    arc-2. Example: `["40 mm", "120 mm"]`"""
     polygon: Ring | None = None
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
+    file: Name | None = None
+    """A drawing, DXF (ezdxf) or SVG (svgpathtools), relative to the case file's folder: the line
+    around all others, those within it are holes. Layers of a DXF (not "0"), labels and ids of an
+    SVG name edges. Example: `"blank.dxf"`"""
+    unit: Annotated[Quantity, Of("m", column=True)] | None = None
+    """Of the drawing's numbers; the default is its own. Example: `"mm"`"""
     holes: Rings = Field(default=[])
     """Corners of each hole. Example:
     `[[["20 mm", "30 mm"], ["40 mm", "30 mm"], ["30 mm", "50 mm"]]]`"""
+    slits: Lines = Field(default=[])
+    """Points of each cut, straight from one to the next; it may begin and end at the outline or
+    beyond. Yarns that cross it are cut. Example: `[[["0 mm", "20 mm"], ["0 mm", "50 mm"]]]`"""
+    darts: Rings = Field(default=[])
+    """Corners of pieces that are cut out, at the outline mostly: triangles, notches. Example:
+    `[[["-10 mm", "0 mm"], ["10 mm", "0 mm"], ["0 mm", "40 mm"]]]`"""
+    _drawn: tuple[shapely.Polygon, dict[str, Any]] | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _one_shape(self) -> OutlineTable:
-        if (self.rectangle is None) == (self.polygon is None):
-            raise ValueError("needs exactly one of rectangle and polygon")
+        if sum(getattr(self, shape) is not None for shape in SHAPES) != 1:
+            raise ValueError(f"needs exactly one of {', '.join(SHAPES[:-1])} and {SHAPES[-1]}")
+        if self.corner_radius is not None:
+            if self.rectangle is None:
+                raise ValueError(".corner_radius is of a rectangle")
+            most = 0.5 * min(si_values(self.rectangle))
+            if self.corner_radius.si > most * (1.0 + _ROUNDING):
+                raise ValueError(
+                    f".corner_radius must be at most half the width and half the length, "
+                    f'{format_si(most, "m")}, got "{self.corner_radius}"'
+                )
+        if self.file is None:
+            if self.unit is not None:
+                raise ValueError(".unit is of a file's numbers, quantities have their own")
+            return self
+        try:  # once, where a case is read: of several ranks on the first
+            outline, edges = read_drawing(self.file, self.unit.si if self.unit else None)
+            self._drawn = outline, {name: pieces.tolist() for name, pieces in edges.items()}
+        except InputError as error:
+            raise ValueError(f".file: {error}") from None
         return self
 
-    def build(self) -> shapely.Polygon:
-        """The outline, in metres; `Preform` checks it."""
-        holes = [[si_values(point) for point in hole] for hole in self.holes]
-        if self.rectangle is None:
-            return shapely.Polygon([si_values(point) for point in self.polygon or ()], holes)
-        width, length = si_values(self.rectangle)
-        x = 0.5 * width
-        return shapely.Polygon([[-x, 0.0], [x, 0.0], [x, length], [-x, length]], holes)
+    @property
+    def drawn(self) -> str | None:
+        """What the drawing showed when it was read, as text; None without one."""
+        return None if self._drawn is None else str(self._drawn[0].wkt)
+
+    def build(self) -> tuple[shapely.Polygon, dict[str, np.ndarray]]:
+        """The outline, in metres, and edges that it names; `Preform` checks both."""
+        holes, edges = _places(self.holes), {}
+        if self._drawn is not None:
+            outline, pieces = self._drawn
+            edges = {name: np.array(piece) for name, piece in pieces.items()}
+            holes += [shapely.get_coordinates(ring).tolist() for ring in outline.interiors]
+            ring = shapely.get_coordinates(outline.exterior)
+        elif self.polygon is not None:
+            ring = np.array(_places([self.polygon])[0])
+        elif self.slot is not None:
+            ring, edges = _slot(*si_values(self.slot))
+        elif self.rectangle is not None:
+            width, length = si_values(self.rectangle)
+            if self.corner_radius is None:
+                x = 0.5 * width
+                ring = np.array([[-x, 0.0], [x, 0.0], [x, length], [-x, length]])
+            else:
+                ring, arcs = rings.rounded(width, length, self.corner_radius.si)
+                edges = {f"corner-{i + 1}": arc for i, arc in enumerate(arcs)}
+        else:
+            round_ = [self.circle, self.circle] if self.ellipse is None else self.ellipse
+            ring = rings.ellipse(*(size.si for size in round_ if size is not None))
+            edges = {"rim": np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)}
+        whole, cuts = shapely.Polygon(ring, holes), (_places(self.slits), _places(self.darts))
+        if not any(cuts):
+            return whole, edges
+        cut = _cut_out(whole, *cuts)
+        return cut, _left_of(edges, cut)
+
+
+SHAPES = ("rectangle", "circle", "ellipse", "slot", "polygon", "file")
+
+
+def _slot(width: float, length: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Half circles at the shorter sides, each of two quarters."""
+    ring, arcs = rings.rounded(width, length, 0.5 * min(width, length))
+    halves = [(0, 1), (2, 3)] if length >= width else [(1, 2), (3, 0)]
+    return ring, {
+        f"arc-{i + 1}": np.concatenate([arcs[one], arcs[other]])
+        for i, (one, other) in enumerate(halves)
+    }
+
+
+Names = Annotated[list[Name], Field(min_length=1, max_length=1000)]
+
+
+class EdgeTable(Table):
+    """[preform.edges]: an edge by a name of one's own."""
+
+    of: Names | None = None
+    """Edges that are there, together. Example: `["outline-3", "outline-4"]`"""
+    start: Point | None = None
+    """Or a point of the outline, or of a hole, from which the edge goes. Example:
+    `["0 mm", "0 mm"]`"""
+    end: Point | None = None
+    """To which it goes, the cloth on its left: counter-clockwise around the outline. Example:
+    `["80 mm", "0 mm"]`"""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> EdgeTable:
+        if (self.of is None) == (self.start is None) or (self.start is None) != (self.end is None):
+            raise ValueError("needs either of, or start and end")
+        return self
+
+    def build(self, preform: Preform, key: str) -> np.ndarray:
+        """Segments on the preform, float (n, 2, 2) [m]; ``key``: for an InputError."""
+        if self.of is not None:
+            try:
+                return np.concatenate([preform.edge(name) for name in self.of])
+            except InputError as error:
+                raise InputError(f"{key}.of: {error}") from None
+        outline, near = preform.outline, _NEAR * float(preform.size.max())
+        ends = [shapely.Point(si_values(point)) for point in (self.start, self.end) if point]
+        lines = [outline.exterior, *outline.interiors]
+        line = lines[int(np.argmin([ring.distance(ends[0]) for ring in lines]))]
+        for name, end in zip(("start", "end"), ends, strict=True):
+            if line.distance(end) > near:
+                raise InputError(
+                    f"{key}.{name} lies {format_si(line.distance(end), 'm')} off the line of the "
+                    f"outline{'' if name == 'start' else ' on which start is'}"
+                )
+        first, last = (line.project(end) for end in ends)
+        if abs(last - first) <= near:
+            raise InputError(f"{key} has no length, its start and end are one point")
+        parts = [(first, last)] if first < last else [(first, line.length), (0.0, last)]
+        segments = []
+        for one, other in parts:
+            if other > one:
+                xy = shapely.get_coordinates(substring(line, one, other))
+                segments.append(np.stack([xy[:-1], xy[1:]], axis=1))
+        return np.concatenate(segments)
+
+
+def _left_of(edges: dict[str, np.ndarray], cut: shapely.Polygon) -> dict[str, np.ndarray]:
+    """Segments that still bound the cloth where something was cut out of it."""
+    boundary = cut.boundary.buffer(_ROUNDING * np.ptp(cut.bounds[::2]))
+    there = {n: e[shapely.covers(boundary, shapely.linestrings(e))] for n, e in edges.items()}
+    return {name: segments for name, segments in there.items() if len(segments)}
+
+
+def _places(paths: Sequence[Sequence[Sequence[Quantity]]]) -> list[list[list[float]]]:
+    return [[si_values(list(point)) for point in path] for path in paths]
+
+
+def _cut_out(whole: shapely.Polygon, slits: list, darts: list) -> shapely.Polygon:
+    """A polygon without darts, and slit along lines: with gaps much narrower than a yarn."""
+    _check_ring("preform.outline", whole)
+    gap = _SLIT * np.ptp(np.reshape(whole.bounds, (2, 2)), axis=0).max()
+    cuts = {}
+    for i, path in enumerate(slits):
+        line = shapely.LineString(path)
+        if line.length <= gap or not line.is_simple:
+            raise InputError(
+                f"preform.outline.slits[{i}] "
+                + ("crosses itself" if line.length > gap else "has no length")
+            )
+        cuts[f"slits[{i}]"] = line.buffer(0.5 * gap, cap_style="flat", join_style="mitre")
+    for i, corners in enumerate(darts):
+        cuts[f"darts[{i}]"] = shapely.Polygon(corners)
+        _check_ring(f"preform.outline.darts[{i}]", cuts[f"darts[{i}]"])
+    for name, cut in cuts.items():
+        if not shapely.intersection(whole, cut).area > 0.0:
+            raise InputError(f"preform.outline.{name} lies beside the cloth, it cuts nothing")
+    left = whole.difference(shapely.union_all(list(cuts.values())))
+    if not isinstance(left, shapely.Polygon) or left.is_empty:
+        pieces = len(getattr(left, "geoms", [])) or "no"
+        raise InputError(
+            f"preform.outline.slits and darts leave {pieces} pieces of cloth, there must be one"
+        )
+    before = [shapely.Polygon(hole) for hole in whole.interiors]
+    kept = [[k for k, b in enumerate(before) if b.equals(shapely.Polygon(hole))]
+            for hole in left.interiors]  # fmt: skip
+    order = sorted(range(len(kept)), key=lambda i: (not kept[i], kept[i], i))
+    return shapely.Polygon(left.exterior, [left.interiors[i] for i in order])
 
 
 class LatticeTable(Table):
@@ -414,14 +641,29 @@ class PreformTable(LatticeTable):
     """[preform]: see `Preform`."""
 
     outline: OutlineTable
-    """A rectangle, or a polygon with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+    """A shape or a drawing, with holes. Example: `{ rectangle = ["100 mm", "200 mm"] }`"""
+    edges: dict[str, EdgeTable] | None = None
+    """Edges by names of one's own. Example: `{ grip = { of = ["outline-3"] } }`"""
+
+    @field_validator("edges")
+    @classmethod
+    def _names(cls, edges: dict[str, EdgeTable] | None) -> dict[str, EdgeTable] | None:
+        for name in edges or ():
+            if not re.fullmatch(r"[\w-]{1,50}", name):
+                raise ValueError(f"has the name {shown(name)}, letters, digits, - and _ can be")
+        return edges
 
     def build(self, refine: int | None = None) -> Preform:
         """Make the preform; `refine` replaces the table's."""
-        return Preform(
-            self.outline.build(),
+        outline, edges = self.outline.build()
+        preform = Preform(
+            outline,
             self.bias_angle,  # type: ignore[arg-type]
             refine=self.refine if refine is None else refine,
             yarns_per_cruciform=self.yarns_per_cruciform,
             origin=self.origin,  # type: ignore[arg-type]
+            edges=edges,
         )
+        for name, edge in (self.edges or {}).items():
+            edges = edges | {name: edge.build(preform, f"preform.edges.{name}")}
+        return replace(preform, edges=edges) if self.edges else preform

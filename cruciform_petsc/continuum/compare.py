@@ -189,21 +189,45 @@ def compare_fields(
     singular = shapely.multipoints(membrane.singular_points)
     far = ~(shapely.distance(singular, shapely.points(points)) < SINGULAR_RADIUS * membrane.width)
     has_shear = np.isfinite(gamma_net) & far
-    gamma, off = gamma[has_shear], (np.asarray(gamma_net) - gamma)[has_shear]
-    squares = [(x**2).sum() for x in (np.reshape(u_net, u.shape) - u, u, off, gamma)]
-    sums = comm.allreduce(np.array([len(u), len(off), abs(off).sum(), *squares], float))
-    count, count_shear, shear_abs, u_off, u_all, shear_off, shear_all = sums
+    gamma = np.where(has_shear, gamma, np.nan)
     return Comparison(
-        points=int(count),
-        points_shear=int(count_shear),
-        relative_l2_displacement=_ratio(u_off, u_all) ** 0.5,
-        relative_l2_shear=_ratio(shear_off, shear_all) ** 0.5,
-        mean_abs_shear_deg=float(np.degrees(_ratio(shear_abs, count_shear))),
-        load_ratio=_ratio(load_net, membrane_result.load),
-        energy_ratio=_ratio(energy_net, membrane_result.energy),
+        **field_differences(comm, np.reshape(u_net, u.shape), u, gamma_net, gamma),
+        load_ratio=ratio(load_net, membrane_result.load),
+        energy_ratio=ratio(energy_net, membrane_result.energy),
     )
 
 
-def _ratio(a: float, b: float) -> float:
+def field_differences(
+    comm: MPI.Intracomm,
+    u_net: np.ndarray,
+    u: np.ndarray,
+    gamma_net: np.ndarray,
+    gamma: np.ndarray,
+) -> dict[str, Any]:
+    """Differences network - membrane, as in Comparison, at this rank's points. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    u_net, u : float (n, dim)
+        Displacements, m.
+    gamma_net, gamma : float (n,)
+        Shear angles, radians; where either is not finite they are not compared.
+    """
+    has_shear = np.isfinite(gamma_net) & np.isfinite(gamma)
+    gamma, off = gamma[has_shear], (np.asarray(gamma_net) - gamma)[has_shear]
+    squares = [(x**2).sum() for x in (u_net - u, u, off, gamma)]
+    sums = comm.allreduce(np.array([len(u), len(off), abs(off).sum(), *squares], float))
+    count, count_shear, shear_abs, u_off, u_all, shear_off, shear_all = sums
+    return {
+        "points": int(count),
+        "points_shear": int(count_shear),
+        "relative_l2_displacement": ratio(u_off, u_all) ** 0.5,
+        "relative_l2_shear": ratio(shear_off, shear_all) ** 0.5,
+        "mean_abs_shear_deg": float(np.degrees(ratio(shear_abs, count_shear))),
+    }
+
+
+def ratio(a: float, b: float) -> float:
     """Divide a by b, nan where there is nothing to compare with."""
     return float(a / b) if b else float("nan")

@@ -32,8 +32,15 @@ CONVEX_FLOOR = 0.05
 
 def measures(u: Any, directions: Sequence[Any]) -> Any:
     """Stretches of warp and weft and the shear angle of a displacement, as a UFL vector."""
-    warp, weft = (d + ufl.grad(u) * d for d in directions)
-    shear = ufl.atan2(ufl.dot(warp, weft), _cross(warp, weft))
+    return fibre_measures(*(d + ufl.grad(u) * d for d in directions))
+
+
+def fibre_measures(warp: Any, weft: Any) -> Any:
+    """The same of the fibres F d, in the plane or in space; there angles are within 90 degrees."""
+    across = _cross(warp, weft)
+    if len(warp) == 3:
+        across = ufl.sqrt(ufl.inner(ufl.cross(warp, weft), ufl.cross(warp, weft)))
+    shear = ufl.atan2(ufl.dot(warp, weft), across)
     return ufl.as_vector((ufl.sqrt(ufl.dot(warp, warp)), ufl.sqrt(ufl.dot(weft, weft)), shear))
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import basix.ufl
@@ -17,6 +18,8 @@ from ..parallel import on_all
 
 # Growth of the triangles away from outline edges that are shorter than the mesh size.
 GROWTH = 0.4
+# In parts of the outline's size: corners nearer to each other lie on one yarn line.
+SAME = 1e-6
 
 
 def outline_mesh(
@@ -128,6 +131,50 @@ def _unstructured(
     return dolfinx.mesh.create_mesh(
         comm, cells=triangles, x=points, e=element, partitioner=_partitioner(ghosts)
     )
+
+
+def yarn_mesh(network: Any, size: float) -> dolfinx.mesh.Mesh:
+    """Rectangles along a network's yarns, each cut into two triangles, to and fro. Collective.
+
+    Yarn lines through all corners of the outline, and between them an even number of rectangles at
+    most `size` wide: a mesh as symmetric as the outline is. Each rank makes a strip of it, and then
+    they are dealt out.
+
+    Raises InputError on every rank if a side of the outline does not run along yarns.
+    """
+    comm, outline = network.comm, network.preform.along_yarns("a membrane among tools")
+    corners, near = shapely.get_coordinates(outline), SAME * network.preform.size.max()
+    s, t = (_between(corners[:, axis], size, near) for axis in (0, 1))
+
+    def strip(count: int) -> np.ndarray:
+        return np.arange(count * comm.rank // comm.size, count * (comm.rank + 1) // comm.size)
+
+    points = np.stack(np.meshgrid(s[strip(len(s))], t, indexing="ij"), axis=-1).reshape(-1, 2)
+    i, j = (n.ravel() for n in np.meshgrid(strip(len(s) - 1), np.arange(len(t) - 1), indexing="ij"))
+    inside = shapely.contains_xy(outline, 0.5 * (s[i] + s[i + 1]), 0.5 * (t[j] + t[j + 1]))
+    i, j = i[inside].astype(np.int64), j[inside]
+    a, b = len(t) * i + j, len(t) * (i + 1) + j
+    c, d, even = b + 1, a + 1, ((i + j) % 2 == 0)[:, None]
+    first = np.where(even, np.column_stack([a, b, c]), np.column_stack([a, b, d]))
+    second = np.where(even, np.column_stack([a, c, d]), np.column_stack([b, c, d]))
+    return dolfinx.mesh.create_mesh(
+        comm,
+        cells=np.concatenate([first, second]),
+        x=network.to_lab(points),
+        e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
+        partitioner=_partitioner(dolfinx.mesh.GhostMode.none),
+    )
+
+
+def _between(corners: np.ndarray, size: float, near: float) -> np.ndarray:
+    """Coordinates of corners, those within ``near`` as one, and evenly spaced ones between them."""
+    known = np.sort(corners)
+    known = known[np.append(True, np.diff(known) > near)]
+    parts = [
+        np.linspace(low, high, 2 * max(int(np.ceil((high - low) / (2 * size) - 1e-9)), 1) + 1)[:-1]
+        for low, high in pairwise(known)
+    ]
+    return np.append(np.concatenate(parts), known[-1])
 
 
 def gmsh_triangles(outline: shapely.Polygon, size: float) -> tuple[np.ndarray, np.ndarray]:

@@ -41,3 +41,8 @@ def finite_size(outline: shapely.Polygon, fabric: Any, degree: int, bending: boo
     if bends.any():  # yarns that bend spread whatever is sharper
         layer = (bends[bends > 0].min() / fabric.shear_modulus) ** 0.5
     return float(np.clip(layer, width / 40, width / 15))
+
+
+def formed_size(preform: Any, fabric: Any) -> float:
+    """Mesh size in metres among tools: half the network's pitch, which has arm ends there."""
+    return 0.5 * float(min(preform.pitch(fabric)))

@@ -167,6 +167,18 @@ class Model:
         _multiply(blocks, self._block_row, self._block_column, values, product)
         return self.nodes.halo.share(product)
 
+    def worst(self, gradient: np.ndarray) -> tuple[np.ndarray | None, int]:
+        """Place at rest of the largest force (n_owned * dim,) out of balance. Collective.
+
+        And at how many nodes there is a tenth of it, or more.
+        """
+        size = np.linalg.norm(gradient.reshape(-1, self.dim), axis=1)
+        size = np.nan_to_num(size, nan=np.inf)
+        at = int(size.argmax()) if len(size) else -1
+        here = (float(size[at]), self.nodes.rest[at].tolist()) if len(size) else (-1.0, [])
+        largest, place = max(self.comm.allgather(here))
+        return np.array(place), self.comm.allreduce(int((size >= 0.1 * largest).sum()))
+
     def broken(self, state: State) -> tuple[np.ndarray, str, str] | None:
         """What an item says against a state, see Item.broken. Collective."""
         return next(filter(None, (item.broken(state) for item in self.items)), None)

@@ -33,6 +33,7 @@ RELATIVE_RESIDUAL = 1e-8
 ROUNDING = 1e-16
 MAX_ITERATIONS = 30
 MEMORY = 2  # earlier steps whose energies may be reached again
+RELEASED = 1e-3  # of the largest forces that have held: what is let go is at rest to that scale
 FIRST_SHIFT, LAST_SHIFT = 1e-7, 1e2  # of the diagonal
 
 
@@ -92,6 +93,7 @@ class Equilibrium:
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
         self._shifted, self._shift, self._loose = 0, FIRST_SHIFT, 1.0
+        self._most = 0.0  # support so far, N
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -165,6 +167,8 @@ class Equilibrium:
     def _tolerance(self) -> float:
         """What residual is called none, N."""
         support = self._last.support if self._last else 0.0
+        self._most = max(self._most, support)
+        support = max(support, RELEASED * self._most)
         return self.relative_residual * support + ROUNDING * self.model.extent * self._size
 
     @callback
@@ -269,7 +273,7 @@ class Equilibrium:
         reason = self.snes.getConvergedReason()
         if reason <= 0:
             name = reason_name(reason, PETSc.SNES)
-            raise EquilibriumError("no equilibrium found", name, self._history, self._worst())
+            raise EquilibriumError("no equilibrium found", name, self._history, *self._worst())
         end = self._evaluate(self._vector)
         broken = self.model.broken(end.state)
         if broken is not None:
@@ -337,15 +341,8 @@ class Equilibrium:
         if isinstance(error, LibraryError):
             return error
         what = f"the linear solver failed: {error}"
-        return EquilibriumError(what, "SETUP", self._history, self._worst())
+        return EquilibriumError(what, "SETUP", self._history, *self._worst())
 
-    def _worst(self) -> np.ndarray | None:
-        """Place at rest of the largest force out of balance. Collective."""
-        if self._last is None:
-            return None
-        nodes = self.model.nodes
-        size = np.linalg.norm(self._last.gradient.reshape(-1, self.model.dim), axis=1)
-        size = np.nan_to_num(size, nan=np.inf)
-        at = int(size.argmax()) if len(size) else -1
-        here = (float(size[at]), nodes.rest[at].tolist()) if len(size) else (-1.0, [])
-        return np.array(max(self.model.comm.allgather(here))[1])
+    def _worst(self) -> tuple[np.ndarray | None, int]:
+        """See Model.worst. Collective."""
+        return self.model.worst(self._last.gradient) if self._last else (None, 0)

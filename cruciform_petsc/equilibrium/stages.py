@@ -18,14 +18,14 @@ class Measured:
     Attributes
     ----------
     load : float
-        Of the test, N.
+        Of the test, N; 0 where there is none.
     forces : dict of float (dim,)
         Force that holds each edge, lab frame, N.
     shear_max : float
         Largest shear angle of a crossover, radians.
     """
 
-    load: float = float("nan")
+    load: float = 0.0
     forces: Mapping[str, np.ndarray] = field(default_factory=dict)
     shear_max: float = float("nan")
 

@@ -14,8 +14,9 @@ from ..net.network import Network
 from ..quantities import si_text
 from ..small.network import LinearNetwork
 from ..small.separate import solve_separately
+from .closed_form import CAPTION, beside_closed_form
 from .experiment import PULL, Experiment, Grip
-from .net_kinematics import net_reach
+from .net_kinematics import net_angle, net_load, net_reach, net_torque
 from .result import State, TestResult
 from .table import PullTable, TestTable, small_unless_told
 
@@ -75,6 +76,11 @@ class BiasExtension(Experiment):
     has_zones = True
     cut_across = True
     reference = "gripped"
+    captions: ClassVar = {"shear_force.png": CAPTION}
+    shear_angles: ClassVar = {
+        "over the angle of an inextensible net": "shear_net_deg",
+        "over the computed angle of the middle zone": "shear_middle_deg",
+    }
     upper = "grip"
 
     def __init__(self, network: Network, extension: Any = None, load: Any = None, **keys: Any):
@@ -108,13 +114,41 @@ class BiasExtension(Experiment):
         return told
 
     def net_gauge(self) -> float | None:
-        """H - W of a rectangle cut at 45 degrees, H >= 2 W, with grips at both ends; else None."""
+        """H - W of what `net_sides` holds for; else None."""
+        sides = self.net_sides()
+        return None if sides is None else sides[1] - sides[0]
+
+    def net_sides(self) -> tuple[float, float] | None:
+        """W, H of a rectangle cut at 45 degrees, H >= 2 W, with grips at both ends; else None."""
         preform = self.network.preform
         sides = preform.sides() if len(self.clamps) == 2 else None
         if sides is None or abs(np.cos(2.0 * preform.bias_angle)) >= 1e-9:
             return None
         width, length = sides
-        return length - width if length >= 2.0 * width * (1 - 1e-9) else None
+        return (width, length) if length >= 2.0 * width * (1 - 1e-9) else None
+
+    def curve_columns(self, curve: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Angle and load of an inextensible net of this cloth, and the normalised shear force.
+
+        Cao et al. 2008, Composites A 39:1037, eqs. 12-18 (see net_kinematics); where they hold.
+        """
+        sides = self.net_sides()
+        if sides is None:
+            return {}
+        angle = net_angle(1e-3 * curve["extension_mm"], sides[1] - sides[0])
+        law = self.network.fabric.shear
+        with np.errstate(divide="ignore", invalid="ignore"):  # yarns along the pull
+            force = net_torque(angle, curve["load_N"], *sides) / np.cos(angle)
+            load = net_load(angle, lambda g: law.evaluate(g)[1], *sides)
+        return {
+            "shear_net_deg": np.rad2deg(angle),
+            "load_net_N": load,
+            "shear_force_N_per_mm": 1e-3 * force,
+        }
+
+    def figures(self, result: TestResult) -> dict[str, Any]:
+        """What the closed form says of the last state, and why it differs. Collective."""
+        return beside_closed_form(result)
 
     def _solve_small(self) -> TestResult:
         if self.model == "coupled":

@@ -90,6 +90,8 @@ class Experiment:
     # like a bias test; "free", of which there is none; "" where nothing compares.
     reference = ""
     upper = "grip"
+    # Angles that a normalised shear force is drawn over: columns of the curve, by what they are.
+    shear_angles: ClassVar[dict[str, str]] = {}
     # What stands below the pictures that only this kind has.
     captions: ClassVar[dict[str, str]] = {}
     # Edges that are drawn as bars.
@@ -159,6 +161,10 @@ class Experiment:
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Further columns of the curve. Collective."""
+        return {}
+
+    def curve_columns(self, curve: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Further columns of a finite test that follow from a whole curve, of all increments."""
         return {}
 
     def extensions(self, result: TestResult) -> np.ndarray:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, Protocol
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equilibrium.cloth import holder, model_of
 from ..equilibrium.follow import Path, follow
+from ..equilibrium.model import Model
 from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Stage, Step
 from ..equilibrium.state import Found, Hold, State
@@ -20,7 +21,6 @@ from ..items.loads import imperfection
 from ..items.ply import Ply
 from ..laws import Potential
 from ..net.edges import Constraints
-from ..net.nodes import Nodes
 from . import result
 
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
@@ -29,27 +29,29 @@ LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that mo
 class Keeper(Protocol):
     """What keeps a test's states on disk, see output.checkpoint. Collective."""
 
-    increments: list[Increment]
+    @property
+    def steps(self) -> Sequence[Any]:
+        """Increments, or steps of a forming, of former runs."""
 
     def restore(
-        self, nodes: Nodes, state_at: Callable[[float, np.ndarray], State]
-    ) -> tuple[Path, list[State]] | None:
-        """Where to go on, and the states asked for that were reached; None without a past.
+        self, model: Model, state_at: Callable[[float, np.ndarray], State]
+    ) -> tuple[Path, Iterable[State]] | None:
+        """Where to go on, and the states after each step, in order; None without a past.
 
         ``state_at`` makes a state of a control and positions.
         """
 
-    def write(self, nodes: Nodes, path: Path, increments: list[Increment], state: State) -> None:
+    def write(self, model: Model, path: Path, steps: Sequence[Any], state: State) -> None:
         """Keep what has been reached; ``state``: the last one as it was found."""
 
     def state(
         self,
-        nodes: Nodes,
+        model: Model,
         number: int,
         control: float,
         state_at: Callable[[float, np.ndarray], State],
     ) -> State:
-        """The state after an increment, by its number; ``state_at`` as above."""
+        """The state after a step, as it was found, by its number; ``state_at`` as above."""
 
 
 class FiniteTest:
@@ -183,7 +185,7 @@ def solve_finite(
         state = (
             kept[number]
             if keeper is None
-            else keeper.state(nodes, number, done[number].control, test.at)
+            else keeper.state(test.model, number, done[number].control, test.at)
         )
         return test.measured_anew(state)
 
@@ -211,19 +213,21 @@ def solve_finite(
         if keeper is None:
             kept.append(step.state)
         else:
-            keeper.write(nodes, path, done, step.state)
+            keeper.write(test.model, path, done, step.state)
         if accepted is not None:
             accepted(increment)
 
     try:
         if keeper is not None:
-            earlier = keeper.restore(nodes, test.at)
+            earlier = keeper.restore(test.model, test.at)
             if earlier is None:
-                keeper.write(nodes, path, done, start)
+                keeper.write(test.model, path, done, start)
             else:
-                path, asked = earlier
-                done += keeper.increments
-                states += map(test.measured_anew, asked)
+                path, former = earlier
+                for increment, state in zip(keeper.steps, former, strict=True):
+                    done.append(increment)
+                    if increment.asked:
+                        states.append(test.measured_anew(state))
         follow(equilibrium, test.stage(), path, take)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import LARGE, Preform
+from ..net.network import Network
 from ..parallel import least, most
 from ..quantities import si_text
 from ..solvers.options import unused_options
@@ -155,14 +156,7 @@ def _small(result: TestResult, largest: float) -> list[str]:
 
 
 def _finite(result: TestResult, largest: float) -> list[str]:
-    experiment, fabric, comm = result.experiment, result.network.fabric, result.network.comm
-    sentences = []
-    last = fabric.shear.last_point
-    if largest > last:
-        sentences.append(
-            f"the shear angle reaches {np.rad2deg(largest):.1f} deg, beyond the last point of the "
-            f"shear law's table at {np.rad2deg(last):.1f} deg, where the law goes straight on"
-        )
+    experiment, sentences = result.experiment, []
     gauge = experiment.net_gauge()
     if gauge is not None and result.controls.max() > net_reach(gauge):
         sentences.append(
@@ -170,14 +164,8 @@ def _finite(result: TestResult, largest: float) -> list[str]:
             "stretch lie along the pull, the load is that of stretched yarns"
         )
     strains = [state.fields["arm_strain"] for state in result.states]
-    shortest = least(comm, [strain.min(initial=0.0) for strain in strains], 0.0)
-    longest = most(comm, [strain.max(initial=0.0) for strain in strains], 0.0)
-    # The strain at which yarns of cloth give way, as a rule (docs/laws.md).
-    if fabric.compression == 1.0 and shortest < -fabric.compression_width:
-        sentences.append(
-            f"yarns are compressed by up to {-100 * shortest:.2g} % and carry that like tension; "
-            "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
-        )
+    extremes = np.array([[s.min(initial=0.0), s.max(initial=0.0)] for s in strains])
+    sentences += beyond_laws(experiment.network, largest, extremes)
     if experiment.space and experiment.imperfection is None:
         mended = any(increment.shifted for increment in result.increments)
         sentences.append(
@@ -191,6 +179,28 @@ def _finite(result: TestResult, largest: float) -> list[str]:
             f"steps were cut in half {sum(increment.cuts for increment in cuts)} times where no "
             f"equilibrium was found, first before {experiment.column.text(cuts[0].control)}; "
             "what follows may be another branch than that of smaller steps"
+        )
+    return sentences
+
+
+def beyond_laws(network: Network, shear: float, strain: np.ndarray) -> list[str]:
+    """Where cloth leaves what its laws were measured for. Collective.
+
+    The largest shear angle, rad, of all ranks, and strains of yarns on this one.
+    """
+    fabric, comm, sentences = network.fabric, network.comm, []
+    last = fabric.shear.last_point
+    if shear > last:
+        sentences.append(
+            f"the shear angle reaches {np.rad2deg(shear):.1f} deg, beyond the last point of the "
+            f"shear law's table at {np.rad2deg(last):.1f} deg, where the law goes straight on"
+        )
+    shortest, longest = least(comm, strain, 0.0), most(comm, strain, 0.0)
+    # The strain at which yarns of cloth give way, as a rule (docs/laws.md).
+    if fabric.compression == 1.0 and shortest < -fabric.compression_width:
+        sentences.append(
+            f"yarns are compressed by up to {-100 * shortest:.2g} % and carry that like tension; "
+            "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"
         )
     if longest > BREAKING:
         sentences.append(

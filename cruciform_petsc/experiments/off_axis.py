@@ -75,9 +75,13 @@ class OffAxisTension(BiasExtension):
     def figures(self, result: TestResult) -> dict[str, Any]:
         """Modulus of the first state, and Kilby's for small displacements and free sides."""
         moved = np.flatnonzero(result.controls)
+        figures = super().figures(result)
         if not len(moved):
-            return {}
+            return figures
         curve = self.extra_columns(result)
         modulus = 100.0 * curve["stress_N_per_cm"][moved[0]] / curve["strain_percent"][moved[0]]
         kilby = self.network.fabric.off_axis_modulus(self.network.preform.bias_angle)
-        return {"modulus_n_per_cm": float(modulus), "kilby_n_per_cm": float(kilby) / 100.0}
+        return figures | {
+            "modulus_n_per_cm": float(modulus),
+            "kilby_n_per_cm": float(kilby) / 100.0,
+        }

@@ -11,6 +11,7 @@ import numpy as np
 from ..fields import Of, Quantities
 from ..net.edges import Constraints
 from ..quantities import declare
+from .closed_form import CAPTION, beside_closed_form
 from .experiment import Experiment, Grip
 from .result import TestResult
 from .table import TestTable
@@ -63,7 +64,9 @@ class PictureFrame(Experiment):
     captions: ClassVar = {
         "load_against_angle.png": "Load against the shear angle of the frame.",
         "load_against_crosshead.png": "Load against the displacement of the crosshead.",
+        "shear_force.png": CAPTION,
     }
+    shear_angles: ClassVar = {"over the angle of the frame": "angle_deg"}
     clamps = EDGES
 
     def grip(self, constraints: Constraints) -> list[Grip]:
@@ -116,4 +119,12 @@ class PictureFrame(Experiment):
             moved = diagonal - rest
         # F/(2 L cos theta) of a square frame of side L, whose diagonal is 2 L cos(theta).
         force = result.loads / diagonal
-        return {"crosshead_mm": 1e3 * moved, "shear_force_N_per_mm": 1e-3 * force}
+        columns = {"crosshead_mm": 1e3 * moved, "shear_force_N_per_mm": 1e-3 * force}
+        if self.finite:  # uniform shear: psi' = F cos(gamma)/diagonal, see calibration.formula
+            torque = self.network.fabric.shear.evaluate(result.controls)[1]
+            columns["load_net_N"] = torque * diagonal / np.cos(result.controls)
+        return columns
+
+    def figures(self, result: TestResult) -> dict[str, Any]:
+        """What the closed form says of the last state, and why it differs. Collective."""
+        return beside_closed_form(result)

@@ -38,6 +38,11 @@ def kind_class(kind: str) -> Any:
     return getattr(import_module(f".{module}", __package__), name)
 
 
+def every_table() -> list[type[KindTable]]:
+    """All that [test] can be."""
+    return [kind_class(kind).table for kind in KINDS]
+
+
 def pick_table(data: Any) -> type[KindTable]:
     """The type of table that [test] is, for `fields.OneOf`."""
     if not isinstance(data, dict):

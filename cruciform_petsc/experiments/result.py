@@ -14,7 +14,7 @@ import shapely
 
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..quantities import LOAD
+from ..quantities import LOAD, data_frame
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -290,10 +290,14 @@ class TestResult:
         """
         if not self.increments:
             return self._measured | ({} if states else {"asked": np.ones(len(self.states), int)})
-        curve = curve_of(self.increments)
+        curve = curve_of(self.increments, self.experiment)
         if not states:
             return curve
         return {name: curve[name][self._numbers] for name in curve if name not in EFFORT}
+
+    def frame(self, states: bool = False) -> Any:
+        """The same as a pandas.DataFrame; InputError where pandas is not installed. Collective."""
+        return data_frame(self.curve(states))
 
     def row(self, state: State) -> dict[str, float | None]:
         """What a curve tells of a state; None is for not a number. Collective."""
@@ -345,11 +349,12 @@ class TestResult:
         return CentreLine(rows[first, 0], np.bincount(inverse, weights=rows[:, 1]) / count)
 
 
-def curve_of(increments: Sequence[Increment]) -> dict[str, np.ndarray]:
-    """Columns of a curve with a row for each increment."""
+def curve_of(increments: Sequence[Increment], experiment: Any) -> dict[str, np.ndarray]:
+    """Columns of an experiment's curve with a row for each increment."""
     columns = {
         name: np.array([step.columns[name] for step in increments], float)
         for name in (increments[0].columns if increments else {})
     }
     effort = {name: [getattr(step, key) for step in increments] for name, key in EFFORT.items()}
+    columns |= experiment.curve_columns(columns) if columns else {}
     return columns | {name: 1 * np.array(values) for name, values in effort.items()}

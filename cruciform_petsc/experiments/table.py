@@ -38,8 +38,6 @@ class KindTable(Table):
     along_the_yarns: ClassVar[bool] = False
     # Edges of the outline, straight ones, that it holds or moves.
     edges: ClassVar[tuple[str, ...]] = ("lower", "upper")
-    # Whether the origin is the centre of the outline's bounding box, wherever that is drawn.
-    centred: ClassVar[bool] = False
     # What `cruciform-petsc new` writes: the kind's own keys as `test`, with comments, and values,
     # as TOML, of keys of case/template.toml in place of those there.
     template: ClassVar[dict[str, str]] = {}
@@ -48,6 +46,10 @@ class KindTable(Table):
     """Which experiment."""
     bending: bool = True
     """Yarns bend in the plane; false: they are hinged."""
+
+    def placed(self, preform: Preform) -> Preform:
+        """The preform where the test has it: as it is drawn."""
+        return preform
 
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """Raise InputError if the preform or the fabric is none for such a test."""

@@ -3,28 +3,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
+import shapely
 
 from ..cloth.fabric import Fabric
+from ..elements.level import FORCE
 from ..equilibrium.cloth import holder
 from ..equilibrium.model import Model
 from ..equilibrium.state import Hold, State
+from ..items.clamps import Clamp
 from ..items.contact import Contact
 from ..items.item import Item
 from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
+from ..items.trimmed import Trimmed
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
 from ..net.network import Network
+from ..parallel import most
 from ..tools.tool import Tool
 
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
+
+# Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
+_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
 
 
 @dataclass(frozen=True)
@@ -84,12 +92,14 @@ class Blank:
         Height [m] and seed of an imperfection.
     bending : bool
         Whether yarns bend in the plane, too.
-    edges : callable, optional
-        Prepares the Constraints: planes of symmetry, clamps.
+    symmetry : sequence of str
+        Edges that lie in planes of symmetry.
     further : sequence of callables
         Ply -> Item: what else acts on the cloth.
     factors : mapping, optional
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
+    cuts : mapping, optional
+        What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
 
     Attributes
     ----------
@@ -99,6 +109,9 @@ class Blank:
         Their local nodes.
     contacts : list of Contact
         By tool.
+    loads : list of Item
+        What acts on the cloth besides tools, clamps too.
+    clamps : list of Clamp
     model : Model
     """
 
@@ -111,22 +124,24 @@ class Blank:
         settings: ContactSettings | None = None,
         waves: tuple[float, int] | None = None,
         bending: bool = True,
-        edges: Callable[[Constraints], object] | None = None,
+        symmetry: Sequence[str] = (),
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
+        cuts: Mapping[str, shapely.Polygon] | None = None,
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
         self.thickness = fabric.needed("thickness", "contact with a tool")
-        self.settings = settings = settings or ContactSettings.of(fabric, length_of(network))
+        self.symmetry = frozenset(symmetry)
+        self.settings = settings = settings or ContactSettings.of(
+            fabric, length_of(network, self.symmetry)
+        )
         self.factors = factors or {}
-        constraints = Constraints(network, bending, floats=True)
-        if edges is not None:
-            edges(constraints)
-        self.ply = ply = Ply(constraints, fabric.out_of_plane("forming"), flat=False)
+        self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
             ply.further.append(gravity(ply, "gravity"))
+        ply.cuts = cuts = cuts or {}
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
@@ -158,10 +173,29 @@ class Blank:
                 force = np.zeros_like(rest)
                 force[node, axis] = 1.0
                 pushes.append(DeadLoads(force, rest, owned, push_name(tool.name, axis)))
-        parts: list[Item] = [OfPart(item, self.cloth_at) for item in ply.items]
-        items = [*parts, *self.contacts, viscous, *pushes]
+        self.clamps = [item for item in ply.items if isinstance(item, Clamp)]
+
+        def trimmed(item: Item) -> Item:
+            points = _POINTS.get(item.name, slice(0, 1))
+            return cast(Item, Trimmed(item, ply.nodes.rest[:, :2], cuts, points)) if cuts else item
+
+        parts = [OfPart(trimmed(item), self.cloth_at) for item in ply.items]
+        self.loads = [part for part in parts if part.is_load and part.name != ply.loads.name]
+        items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+
+    def _lay(self, bending: bool) -> Ply:
+        """The cloth."""
+        constraints = Constraints(self.network, bending, floats=True)
+        for edge in sorted(self.symmetry):
+            constraints.symmetry(edge)
+        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+
+    @property
+    def pitch(self) -> float:
+        """Mean distance of nodes along a yarn, m, by which Newton's steps are limited."""
+        return float(self.network.pitch.mean())
 
     def hold(
         self,
@@ -188,6 +222,25 @@ class Blank:
         """The state as the ply sees it."""
         return cast(State, part_of(state, self.cloth_at))
 
+    def tool_moments(self, state: State) -> dict[str, np.ndarray]:
+        """Moments on the cloth by tools about their origins, (3,), N m. Collective."""
+        ours = np.array([contact.moment(state) for contact in self.contacts]).reshape(-1, 3)
+        everywhere = self.comm.allreduce(ours)
+        return dict(zip((contact.name for contact in self.contacts), everywhere, strict=True))
+
+    def pulls(self, state: State) -> dict[str, np.ndarray]:
+        """Forces on the cloth of each load, by its name, N: (n_local, 3), not complete on nodes.
+
+        What the elements of this rank add; the sum over all ranks is all.
+        """
+        found = {}
+        for item in self.loads:
+            found[item.name] = pull = np.zeros_like(state.x)
+            for rows in item.chunks():
+                force = item.work(state, FORCE, rows)[1]
+                np.subtract.at(pull, item.nodes[rows], force)
+        return found
+
     def spent(self, state: State) -> dict[str, float]:
         """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
@@ -195,12 +248,24 @@ class Blank:
         total = self.comm.allreduce(np.array([rubbed, flowed]))
         return {"friction": float(total[0]), "viscous": float(total[1])}
 
+    def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
+        """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.
+
+        Collective.
+        """
+        memory = {item.edge: state.memory[item.name] for item in self.clamps}
+        far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
+        spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
+        return far, spent
+
 
 def push_name(tool: str, axis: int) -> str:
     """Name of the load that pushes a tool along x, y or z."""
     return f"force on {tool} along {'xyz'[axis]}"
 
 
-def length_of(network: Network) -> float:
-    """The longer side of the blank's bounding box, m."""
-    return float(network.preform.size.max())
+def length_of(network: Network, symmetry: Collection[str] = ()) -> float:
+    """The longer side of the whole blank's bounding box, m."""
+    doubled = [1 + ("left" in symmetry or "right" in symmetry)]
+    doubled += [1 + ("lower" in symmetry or "upper" in symmetry)]
+    return float((network.preform.size * doubled).max())

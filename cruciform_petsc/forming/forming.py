@@ -4,23 +4,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import ConfigDict, Field, PlainValidator, TypeAdapter
 
 from ..equilibrium.follow import Path, follow
 from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Step
 from ..equilibrium.state import Found, State
 from ..errors import CruciformError, EquilibriumError
-from ..units import format_si
+from ..experiments.finite import Keeper
 from .blank import Blank
-from .measures import pierced
-from .press import Posture, Press, StagePlan
+from .measures import squeezed
+from .press import Posture, Press, StagePlan, stage_number
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
 LONGEST = 0.5  # of a pitch, in a Newton step
 MOST_ITERATIONS = 100  # where cloth snaps the way is long, and shorter steps do not shorten it
+
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_three = TypeAdapter(_Three, config=ConfigDict(strict=True, allow_inf_nan=False)).validate_python
+Vector = Annotated[np.ndarray, PlainValidator(lambda values: np.array(_three(values)))]
 
 
 @dataclass(frozen=True)
@@ -36,18 +42,32 @@ class FormingStep:
         On the cloth by each tool, N.
     tool_place : dict of float (3,)
         m.
+    tool_moment : dict of float (3,)
+        On the cloth by each tool about its origin, where ``tool_place`` has it, N m.
     spent : dict
         What friction and viscosity have dissipated up to here, J.
     work : float
         What has been done on tools up to here, by trapezia over the steps, J.
+    load_work : dict of float
+        What gravity, pressures, clamps have done on the cloth up to here, likewise.
+    clamp_force : dict of float (3,)
+        On the cloth by the clamp of each edge, N.
     """
 
     stage: str
     increment: Increment
-    tool_force: Mapping[str, np.ndarray]
-    tool_place: Mapping[str, np.ndarray]
+    tool_force: Mapping[str, Vector]
+    tool_place: Mapping[str, Vector]
+    tool_moment: Mapping[str, Vector]
     spent: Mapping[str, float]
     work: float
+    load_work: Mapping[str, float]
+    clamp_force: Mapping[str, Vector]
+
+    @property
+    def of_tools(self) -> tuple[Mapping[str, Vector], ...]:
+        """All vectors that there are by tool."""
+        return self.tool_force, self.tool_place, self.tool_moment
 
 
 @dataclass
@@ -67,6 +87,13 @@ class Formed:
     steps: list[FormingStep] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
 
+    def add(self, step: FormingStep, state: State) -> None:
+        """Add an accepted step."""
+        if self.steps and not self.steps[-1].increment.asked:
+            self.states.pop()
+        self.steps.append(step)
+        self.states.append(state)
+
 
 def form(
     blank: Blank,
@@ -74,8 +101,12 @@ def form(
     *,
     options: Mapping[str, object] | None = None,
     accepted: Callable[[FormingStep, State], None] | None = None,
+    keeper: Keeper | None = None,
 ) -> Formed:
     """Press a blank through stages. Collective.
+
+    ``accepted`` is called with each step and its state; ``keeper`` keeps them, and if it has some
+    of a former run these come first, and the forming goes on from there.
 
     Raises
     ------
@@ -83,60 +114,98 @@ def form(
         On every rank; its ``result`` is what was formed up to there.
     """
     formed, model = Formed(blank), blank.model
-    state, posture, work = blank.start(), Posture.at_the_start(blank), 0.0
-    longest = LONGEST * float(blank.network.pitch.mean())
+    start, work = blank.start(), 0.0
+    longest = LONGEST * blank.pitch
     options = {"snes_max_it": MOST_ITERATIONS, **(options or {})}
     equilibrium = Equilibrium(
-        model, state, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
+        model, start, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )
     names = [tool.name for tool in blank.tools]
-    place = state.x[blank.tool_node]  # of the tools after the last step, and what drove them
+    place = start.x[blank.tool_node]  # of the tools after the last step, and what drove them
     driving = np.zeros_like(place)
+    last, pulls = start, blank.pulls(start)
+    load_work = dict.fromkeys(pulls, 0.0)
+    presses = [Press(blank, plans[0], Posture.at_the_start(blank), 0.0)]
+    earlier: list[FormingStep] = list(keeper.steps) if keeper is not None else []
+
+    def press_at(number: int) -> Press:
+        """The press of a stage; those before it have left tools where steps tell."""
+        while len(presses) <= number:
+            done, last = len(presses), presses[-1]
+            ends = [s for s in earlier or formed.steps if s.increment.control <= done]
+            posture = last.after(_rows(ends[-1].tool_place, names))
+            presses.append(Press(blank, plans[done], posture, float(done)))
+        return presses[number]
+
+    def state_at(time: float, x: np.ndarray) -> State:
+        hold, factors = press_at(stage_number(time)).drive(time)
+        return State(x, hold, time, factors) if time else start
 
     def measure(found: Found) -> Measured:
         force = found.force[blank.tool_node]
-        through = pierced(blank, found.state)
-        if through is not None:
-            name, depth, place = through
-            raise EquilibriumError(
-                f'tool "{name}" lies {format_si(float(f"{depth:.3g}"), "m")} deep in the cloth, '
-                f"which is {format_si(blank.thickness, 'm')} thick",
-                "PIERCED",
-                found.history,
-                place,
-            )
+        unbearable = squeezed(blank, found.state)
+        if unbearable is not None:
+            what, reason, there, count = unbearable
+            raise EquilibriumError(what, reason, found.history, there, count)
         shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:
-        nonlocal work, place, driving
+        nonlocal work, place, driving, last, pulls, load_work
         state = path.state  # with anchors where they are now
         before, force, place = place, driving, state.x[blank.tool_node]
         # What drives a tool holds it against the cloth, or is the force that pushes it.
         held = np.array([step.forces[name] for name in names]).reshape(-1, 3)
+        press = press_at(int(path.begin))
         driving = np.where(press.free, press.push(state.time), held)
         work += 0.5 * float(((force + driving) * (place - before)).sum())
+        moved, pulled, last, pulls = state.x - last.x, pulls, state, blank.pulls(state)
+        each = [0.5 * ((pulled[name] + pulls[name]) * moved).sum() for name in pulls]
+        each = blank.comm.allreduce(np.array(each))
+        load_work = {name: load_work[name] + float(e) for name, e in zip(pulls, each, strict=True)}
+        by_clamp = {
+            item.edge: blank.comm.allreduce(pulls[item.name].sum(axis=0)) for item in blank.clamps
+        }
         done = FormingStep(
-            plan.name,
+            press.plan.name,
             step.increment,
             dict(zip(names, driving, strict=True)),
             dict(zip(names, place, strict=True)),
+            blank.tool_moments(step.state),
             blank.spent(state),
             work,
+            load_work,
+            by_clamp,
         )
-        if formed.steps and not formed.steps[-1].increment.asked:
-            formed.states.pop()
-        formed.steps.append(done)
-        formed.states.append(state)
+        formed.add(done, state)
+        if keeper is not None:
+            # The next step begins with the last state alone.
+            keeper.write(model, replace(path, states=[state]), formed.steps, step.state)
         if accepted is not None:
             accepted(done, state)
 
     try:
-        for number, plan in enumerate(plans):
-            press = Press(blank, plan, posture, float(number))
-            follow(equilibrium, press.stage(measure), state, take)
-            state = formed.states[-1]
-            posture = press.after(state)
+        path = Path([start])
+        if keeper is not None:
+            restored = keeper.restore(model, state_at)
+            if restored is None:
+                keeper.write(model, path, [], start)
+            else:
+                path, states = restored
+                for step, state in zip(earlier, states, strict=True):
+                    state = replace(state, memory=model.accepted(state))
+                    place = state.x[blank.tool_node]
+                    places = dict(zip(names, place, strict=True))
+                    step = replace(step, tool_place=places, spent=blank.spent(state))
+                    formed.add(step, state)
+                    driving, work = _rows(step.tool_force, names), step.work
+                    last, load_work = state, dict(step.load_work)
+                    if accepted is not None:
+                        accepted(step, state)
+                earlier, pulls = [], blank.pulls(last)
+        for number in range(int(path.begin), len(plans)):
+            follow(equilibrium, press_at(number).stage(measure), path, take)
+            path = Path([path.state], begin=float(number + 1))
     except CruciformError as error:
         equilibrium.destroy()  # only these are raised on every rank alike, as this needs
         if isinstance(error, EquilibriumError):
@@ -144,3 +213,8 @@ def form(
         raise
     equilibrium.destroy()
     return formed
+
+
+def _rows(vectors: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
+    """One vector for each tool, (n tools, 3)."""
+    return np.array([vectors[name] for name in names]).reshape(-1, 3)

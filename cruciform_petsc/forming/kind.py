@@ -6,24 +6,50 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
+from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
+from ..fields import Table
+from ..items.clamps import preload_name
+from ..items.item import Item
+from ..items.loads import PressureAbove, Suction
+from ..items.ply import Ply
 from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from ..units import format_si
 from .blank import Blank, ContactSettings, length_of
+from .failures import explain
 from .forming import Formed, FormingStep, form
-from .table import FormingTable, StageTable, below_cloth, check_stages
+from .table import (
+    PRESSURES,
+    ClampTable,
+    FormingTable,
+    StageTable,
+    below_cloth,
+    check_pressure,
+    check_stages,
+)
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
+AnyTable = TypeVar("AnyTable", bound=Table)
+ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
+
+
+def _tables(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
+    """Tables, of which scripts may give plain data with numbers in SI."""
+    return [
+        table if isinstance(table, kind) else kind.from_data(table, f"{key}[{i}]", bare=True)
+        for i, table in enumerate(given)
+    ]
 
 
 class Forming:
@@ -33,8 +59,9 @@ class Forming:
     ----------
     network : Network
         The blank; where its preform is drawn it lies, so `Preform.centred` is for the caller.
-    tools, stages : sequence of ToolTable, StageTable
-        Or mappings, as ``[[tool]]`` and ``[[stage]]`` of a case file; numbers without units in SI.
+    tools, stages, clamps : sequence of ToolTable, StageTable, ClampTable
+        Or mappings, as ``[[tool]]``, ``[[stage]]`` and ``[[clamp]]`` of a case file; numbers
+        without units in SI.
     folder : Path
         From which the tools' files are looked for.
     options : mapping, optional
@@ -59,13 +86,14 @@ class Forming:
 
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
-    reference: ClassVar[str] = ""  # there is no membrane beside it
+    reference: ClassVar[str] = "formed"
 
     def __init__(
         self,
         network: Network,
         tools: Sequence[ToolTable | Mapping[str, Any]],
         stages: Sequence[StageTable | Mapping[str, Any]],
+        clamps: Sequence[ClampTable | Mapping[str, Any]] = (),
         *,
         folder: Path = Path(),
         options: Mapping[str, object] | None = None,
@@ -74,28 +102,24 @@ class Forming:
         self.network, self.options, fabric = network, options or {}, network.fabric
         test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
-        tables = [
-            tool
-            if isinstance(tool, ToolTable)
-            else ToolTable.from_data(tool, f"tool[{i}]", bare=True)
-            for i, tool in enumerate(tools)
-        ]
-        self.stages = [
-            s if isinstance(s, StageTable) else StageTable.from_data(s, f"stage[{i}]", bare=True)
-            for i, s in enumerate(stages)
-        ]
+        tables = _tables(ToolTable, "tool", tools)
+        self.stages = _tables(StageTable, "stage", stages)
+        self.clamps = _tables(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
-        check_stages(tables, self.stages, test.gravity)
+        check_stages(test, tables, self.stages, self.clamps)
+        check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
         self.tools = [self._make(table, folder) for table in tables]
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
+        grown = dict.fromkeys(self._preloads(), 1.0)
+        self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
         self.remarks = remarks(network.preform, fabric, test)
         self.remarks += [r for tool in self.tools for r in tool.remarks(self.thickness)]
-        self.remarks += self._clearances()
+        self.remarks += self._clearances() + self._one_sided()
         if height == 0.0:
             self.remarks.append("without test.imperfection wrinkles start from rounding, if at all")
         told = {
@@ -104,17 +128,56 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric, length_of(network)),
+            ContactSettings.of(fabric, length_of(network, test.symmetry)),
             **{key: q.si for key, q in told.items() if q is not None},
         )
-        self.blank = Blank(
-            network,
+        self.settings = settings
+        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
+        """A blank of a kind among the tools. Collective."""
+        return kind(
+            self.network,
             self.tools,
-            weight=test.gravity,
-            settings=settings,
-            waves=(height, wave.seed) if height else None,
-            bending=test.bending,
+            weight=self.test.gravity,
+            settings=self.settings,
+            bending=self.test.bending,
+            symmetry=self.test.symmetry,
+            further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
+            cuts=self._cuts(),
+            factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
+            **further,
         )
+
+    def _cuts(self) -> dict[str, shapely.Polygon]:
+        """What stays where stages trim the blank, by the factor that their plans send to 0."""
+        cuts, blank = {}, self.network.preform.outline
+        for i, stage in enumerate(self.stages):
+            if stage.trim is None:
+                continue
+            keep, name = stage.trim.build(), f"trim {i}"
+            blank = shapely.intersection(blank, keep)
+            if blank.is_empty:
+                raise InputError(f"stage[{i}].trim leaves nothing of the blank")
+            cuts[name] = keep
+            plan = self.plans[i]
+            self.plans[i] = replace(plan, factors={**plan.factors, name: 0.0})
+        return cuts
+
+    # -- clamps and pressures -------------------------------------------------------------------
+
+    def _preloads(self) -> list[str]:
+        """Names of the factors that grow over the first stage."""
+        return [preload_name(clamp.edge) for clamp in self.clamps if clamp.preload is not None]
+
+    def _pressures(self) -> list[Callable[[Ply], Item]]:
+        """What makes the pressures that stages name; their factors are in Pa, downwards."""
+        make: dict[str, Callable[[Ply], Item]] = {
+            "pressure": lambda ply: PressureAbove(ply, -1.0, 0.5 * self.thickness),
+            "suction": lambda ply: Suction(ply, -1.0),
+        }
+        named = [key for key in make if any(getattr(s, key) is not None for s in self.stages)]
+        return [make[key] for key in named]
 
     # -- tools --------------------------------------------------------------------------------
 
@@ -182,6 +245,21 @@ class Forming:
                         )
         return remarks
 
+    def _one_sided(self) -> list[str]:
+        """Remarks on tools that are not the same on both sides of a plane of symmetry."""
+        remarks = []
+        for axis in self.test.axes:
+            for tool in self.tools:
+                image = tool.start.to_lab(tool.surface.facets()[0])
+                image[:, axis] *= -1.0
+                off = float(abs(tool.look(image, tool.start)[0]).max())
+                if off > ONE_SIDED * self.thickness:
+                    remarks.append(
+                        f'tool "{tool.name}" is not the same on both sides of the plane of '
+                        f"symmetry {'xy'[axis]} = 0: by {format_si(float(f'{off:.3g}'), 'm')}"
+                    )
+        return remarks
+
     # -- what runs call ---------------------------------------------------------------------------
 
     def check(self) -> list[str]:
@@ -196,8 +274,12 @@ class Forming:
             )
         return told
 
-    def solve(self, accepted: Callable[[FormingStep, State], None] | None = None) -> Formed:
-        """Form the blank; ``accepted`` is called with each step and its state. Collective.
+    def solve(
+        self,
+        accepted: Callable[[FormingStep, State], None] | None = None,
+        keeper: Keeper | None = None,
+    ) -> Formed:
+        """Form the blank; ``accepted`` and ``keeper`` are as of `form`. Collective.
 
         Raises
         ------
@@ -205,40 +287,9 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(self.blank, self.plans, options=self.options, accepted=accepted)
+            return form(
+                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+            )
         except EquilibriumError as error:
-            self._explain(error)
+            explain(self.blank, self.stages, error, keeper is not None)
             raise
-
-    def _explain(self, error: EquilibriumError) -> None:
-        """Say in the error how far it came, where it stopped and which tool touches there."""
-        formed: Formed = error.result
-        done = formed.steps[-1].increment.control if formed.steps else 0.0
-        number = min(int(done), len(self.stages) - 1)
-        where = tool = ""
-        if error.place is not None:
-            x, y = (format_si(float(f"{v:.4g}"), "m") for v in error.place[:2])
-            where = f" at x = {x}, y = {y} of the flat blank"
-            if error.reason != "PIERCED":
-                where = f"; forces are farthest from balance{where}"
-                tool = self._nearest_tool(formed, error.place)
-        error.args = (
-            f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
-            f'"{self.stages[number].name}" ({error}, {error.reason}){where}{tool}. Smaller steps '
-            "(step), a softer contact or more viscosity (test.contact) may help; so does more room "
-            "between tools that close on the cloth",
-        )
-
-    def _nearest_tool(self, formed: Formed, place: np.ndarray) -> str:
-        """Which tool presses hardest on the cloth near a place, in words. Collective."""
-        if not formed.states:
-            return ""
-        blank, state, comm = self.blank, formed.states[-1], self.network.comm
-        rest = blank.ply.nodes.rest[blank.touching]
-        near = np.linalg.norm(rest - place, axis=1) < 2.0 * self.network.pitch.max()
-        most = {
-            contact.name: -least(comm, -contact.fields(state)["pressure"][near], 0.0)
-            for contact in blank.contacts
-        }
-        name = max(most, key=lambda key: most[key])
-        return f', where tool "{name}" presses most' if most[name] > 0.0 else ""

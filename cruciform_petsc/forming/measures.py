@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from itertools import combinations, product
 
 import numpy as np
 import shapely
@@ -11,10 +13,12 @@ import shapely
 from ..equilibrium.state import State
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from .blank import Blank
+from ..units import format_si
+from .blank import Blank, push_name
 
 MOST_EDGES = 8  # of an outline with more, all are told as one
 DEEPEST = 2.0  # times the thickness: no cloth yields as much on one side
+OPPOSED = -0.5  # product of the normals of two tools with the cloth between them
 SIDES = ("lower", "upper", "left", "right")
 
 
@@ -28,22 +32,31 @@ class DrawIn:
     Attributes
     ----------
     edges : list of str
-        Straight sides by their names, other pieces of the outline by number.
+        Straight sides and a user's edges by their names, other pieces of the outline by number;
+        none in planes of symmetry.
     """
 
     def __init__(self, blank: Blank):
         self.blank, network = blank, blank.network
         edges = network.preform.edges
         sides = {name: edges[name] for name in SIDES if name in edges}
-        known = {segment.tobytes() for segments in sides.values() for segment in segments}
+        named = sides | {
+            name: segments
+            for name, segments in edges.items()
+            if name not in SIDES and not re.fullmatch(r"(outline|hole)-\d+", name)
+        }
+        known = {segment.tobytes() for segments in named.values() for segment in segments}
+        sides = {name: sides[name] for name in sides if name not in blank.symmetry}
+        named = {name: named[name] for name in named if name not in blank.symmetry}
         pieces = {
             name: segments
             for name, segments in edges.items()
             if name.startswith("outline-") and segments.tobytes() not in known
         }
-        told = sides | pieces
+        told = named | pieces
         if len(told) > MOST_EDGES:
-            told = {"outline": np.concatenate(list(told.values()))}
+            own = {name: segments for name, segments in named.items() if name not in sides}
+            told = own | {"outline": np.concatenate([*sides.values(), *pieces.values()])}
         ends = np.flatnonzero(network.node_is_boundary[: network.num_nodes_owned])
         points = shapely.points(network.node_position[ends])
         self._nodes: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -98,14 +111,16 @@ def contact_fields(blank: Blank, state: State) -> dict[str, np.ndarray]:
     -------
     dict of float (n_local,)
         "pressure" of all tools, Pa; "distance to TOOL", m, between the cloth's face and the tool,
-        negative where the cloth is compacted.
+        negative where the cloth is compacted; "slip on TOOL", m, the way slid along it.
     """
-    nodes, fields = blank.ply.nodes, {}
+    nodes = blank.ply.nodes
+    fields: dict[str, np.ndarray] = {}
     pressure = np.zeros(len(blank.touching))
     for contact in blank.contacts:
         found = contact.fields(state)
         pressure += found["pressure"]
         fields[f"distance to {contact.name}"] = found["distance"]
+        fields[f"slip on {contact.name}"] = found["slip"]
     spread = {}
     for name, values in {"pressure": pressure, **fields}.items():
         wide = np.full(nodes.num_nodes_local, np.nan)
@@ -119,29 +134,73 @@ def penetration(blank: Blank, state: State) -> float:
     depths = [
         -least(blank.comm, contact.fields(state)["distance"], 0.0)
         for contact in blank.contacts
-        if state.factors.get(contact.name, 1.0) > 0.0
+        if state.factors.get(contact.name, 1.0) == 1.0
     ]
     return max(depths, default=0.0)
 
 
-def pierced(blank: Blank, state: State) -> tuple[str, float, np.ndarray] | None:
-    """Which tool lies deeper in the cloth than any cloth could yield, by what, and where at rest.
+def squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | None:
+    """What of tools no cloth could bear: words, reason, place (3,) at rest, number of nodes.
 
-    A tool, a depth in m and a place (3,), of the deepest; None if there is none. Collective.
+    A tool lies deeper in it than any would yield ("PIERCED"), or two that no force has moved there
+    leave no room between them ("CLOSED"); the worst of them, or None. Not of tools on their way
+    out, through which cloth springs back. Collective.
     """
+    looks, rest = _looks(blank, state), blank.ply.nodes.rest[blank.touching]
+    deepest = (DEEPEST - 0.5) * blank.thickness  # of the middle of the cloth in a tool
+    beyond: dict[tuple[str, ...], np.ndarray] = {
+        (name,): -distance - deepest for name, (distance, _) in looks.items()
+    }
+    for pair, room in _rooms(looks, blank.thickness).items():
+        if not any(state.factors.get(push_name(*push)) for push in product(pair, range(3))):
+            beyond[pair] = -room
     found = []
-    for contact in blank.contacts:
-        if state.factors.get(contact.name, 1.0) > 0.0 and len(contact.nodes):
-            distance = contact.fields(state)["distance"]
-            at = int(distance.argmin())
-            if distance[at] < -DEEPEST * blank.thickness:
-                place = blank.ply.nodes.rest[blank.touching[at]].tolist()
-                found.append((float(-distance[at]), contact.name, place))
+    for names, depth in beyond.items():
+        if len(depth) and depth.max() > 0.0:
+            at = int(depth.argmax())
+            found.append((float(depth[at]), names, rest[at].tolist(), int((depth > 0.0).sum())))
     everywhere = [one for ours in blank.comm.allgather(found) for one in ours]
     if not everywhere:
         return None
-    depth, name, place = max(everywhere)
-    return name, depth, np.array(place)
+    depth, names, place, _ = max(everywhere)
+    count = sum(number for _, others, _, number in everywhere if others == names)
+    thick = f"the cloth, which is {format_si(blank.thickness, 'm')} thick"
+    if len(names) == 2:
+        words = f'tools "{names[0]}" and "{names[1]}" leave no room for {thick}'
+        return words, "CLOSED", np.array(place), count
+    deep = format_si(float(f"{depth + DEEPEST * blank.thickness:.3g}"), "m")
+    return f'tool "{names[0]}" lies {deep} deep in {thick}', "PIERCED", np.array(place), count
+
+
+def narrowest(blank: Blank, state: State, near: np.ndarray) -> tuple[float, tuple[str, str]] | None:
+    """Least room between two tools at nodes ``near`` (n touching,) that both press [m], and which.
+
+    Collective.
+    """
+    rooms = _rooms(_looks(blank, state), blank.thickness)
+    found = {names: least(blank.comm, room[near]) for names, room in rooms.items()}
+    names = min(found, key=lambda names: found[names], default=None)
+    return None if names is None or np.isinf(found[names]) else (found[names], names)
+
+
+def _looks(blank: Blank, state: State) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Distance from the middle of the cloth and normal in the lab, of each tool that is there."""
+    looks = {}
+    for contact in blank.contacts:
+        if state.factors.get(contact.name, 1.0) == 1.0:  # one on its way out bears nothing for long
+            distance, normal, _ = contact.surface.look(contact.local(state))
+            looks[contact.name] = distance, normal @ contact.turn(state).T
+    return looks
+
+
+def _rooms(looks: Mapping, thickness: float) -> dict[tuple[str, str], np.ndarray]:
+    """Room between two tools at nodes that both touch from opposite sides, m; else infinite."""
+    rooms = {}
+    for one, other in combinations(looks, 2):
+        (d, n), (e, m) = looks[one], looks[other]
+        between = ((n * m).sum(axis=1) < OPPOSED) & (np.maximum(d, e) < 0.5 * thickness)
+        rooms[one, other] = np.where(between, d + e, np.inf)
+    return rooms
 
 
 def shear_figures(blank: Blank, fields: Mapping[str, np.ndarray]) -> dict[str, float]:

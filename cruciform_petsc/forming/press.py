@@ -12,12 +12,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..equilibrium.stages import Measured, Stage
-from ..equilibrium.state import Found, Hold, State
+from ..equilibrium.state import Found, Hold
 from ..tools.motion import Motion, Pose
 from .blank import Blank, push_name
 
 LARGEST_STEP = 1 / 10  # of a stage, if nothing else is said
 EASY = 20  # Newton steps, of all rounds of friction together
+
+
+def stage_number(time: float) -> int:
+    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
+    return max(int(np.ceil(time - 1e-9)) - 1, 0)
+
+
+def targets(number: int, results: int) -> list[float]:
+    """Times of the results of a stage, by its number from 0."""
+    return [number + (k + 1) / results for k in range(results)]
 
 
 @dataclass(frozen=True)
@@ -123,21 +133,18 @@ class Press:
 
     def stage(self, measure: Callable[[Found], Measured]) -> Stage:
         """As equilibrium follows it."""
-        n = self.plan.results
-        targets = [self.begin + (k + 1) / n for k in range(n)]
         return Stage(
             self.plan.name,
             self.drive,
-            targets,
+            targets(int(self.begin), self.plan.results),
             self.plan.step,
             measure=measure,
             carry_on=False,
             easy=EASY,
         )
 
-    def after(self, state: State) -> Posture:
-        """How tools stand at its end."""
-        places = state.x[self.blank.tool_node]
+    def after(self, places: np.ndarray) -> Posture:
+        """How tools stand at its end, which has brought them to places (n tools, 3), m."""
         poses = [
             replace(motion.at(1.0), place=place)
             for motion, place in zip(self.motions, places, strict=True)

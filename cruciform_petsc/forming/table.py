@@ -4,26 +4,30 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+import shapely
+from pydantic import AfterValidator, Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..errors import Problems, unknown
+from ..errors import InputError, Problems, unknown
 from ..experiments.table import KindTable
-from ..fields import Count, Name, Number, Of, Quantities, Size, Table, si_values
+from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
+from ..items.clamps import Clamp, clamp_name
+from ..items.nodes import PlyNodes
 from ..tools.motion import Motion, Pose
 from ..tools.tool import Curve, Place, ToolTable, TurnTable, motion
-from ..units import Quantity
+from ..units import Quantity, format_si
 from .press import LARGEST_STEP, StagePlan
 
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
-TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", "viscosity")
+PRESSURES = ("pressure", "suction")
+TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", *PRESSURES, "viscosity")
 
 
 def _a_force(force: Quantities) -> Quantities:
@@ -49,6 +53,10 @@ Stiffness = Annotated[Quantity, Of("N/m**3", good=lambda k: k > 0.0, wanted="pos
 Viscosity = Annotated[Quantity, Of("N*s/m**3", good=lambda c: c >= 0.0, wanted="zero or positive")]
 Force = Annotated[Quantities, Of("N", many=True, example="100 N"), AfterValidator(_a_force)]
 Step = Annotated[Number, AfterValidator(_a_share)]
+Pressure = Annotated[Quantity, Of("Pa")]
+SideName = Literal["left", "right", "lower", "upper"]
+_NORMAL = {"left": 0, "right": 0, "lower": 1, "upper": 1}
+_POSITIVE: dict[str, Any] = {"good": lambda value: value > 0.0, "wanted": "positive"}
 
 
 class WavesTable(Table):
@@ -74,11 +82,51 @@ class ContactTable(Table):
     Example: `"20 N s/m^3"`"""
 
 
+class ClampTable(Table):
+    """[[clamp]]: an edge whose yarn ends are held in place, or by springs; they may turn there."""
+
+    edge: Name
+    """Which edge: "left", "right", "lower", "upper", or a piece of the outline, "outline-3"."""
+    stiffness: Annotated[Quantity, Of("N*m/m**2", other="N/m/m", **_POSITIVE)] | None = None
+    """Of springs between yarn ends and the ground, the same in all directions: of the whole clamp,
+    or per width, told apart by the unit. By default nothing gives. Example: `"2 N/mm"`"""
+    preload: Annotated[Quantity, Of("N", other="N/m", **_POSITIVE)] | None = None
+    """By which the springs pull outwards in the end, all else at rest: it grows over the first
+    stage. Of the whole clamp, or per width. Example: `"10 N"`"""
+    friction_limit: Annotated[Quantity, Of("N", other="N/m", **_POSITIVE)] | None = None
+    """Beyond which yarn ends slip. Of the whole clamp, or per width. Example: `"50 N"`"""
+    slides: bool = False
+    """Held in height only: the seam of a cushion of which this is one half."""
+
+    @model_validator(mode="after")
+    def _a_spring(self) -> ClampTable:
+        if self.preload is not None and self.stiffness is None:
+            raise ValueError(".preload is of springs: give their stiffness, too")
+        told = [key for key in ("stiffness", "preload", "friction_limit") if getattr(self, key)]
+        if self.slides and told:
+            raise ValueError(f".slides = true holds in height only, without {told[0]}")
+        return self
+
+    @property
+    def holds(self) -> bool:
+        """Whether the edge stays where it is, or slides in its plane."""
+        return self.stiffness is None and self.friction_limit is None
+
+    def build(self, ply: PlyNodes) -> Clamp:
+        """Make it of a ply. Collective."""
+        stiffness, preload, limit = (
+            None if told is None else (told.si, told.unit == per_width)
+            for told, per_width in (
+                (self.stiffness, "N/m/m"), (self.preload, "N/m"), (self.friction_limit, "N/m")
+            )
+        )  # fmt: skip
+        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides)
+
+
 class FormingTable(KindTable):
     """A blank of cloth laid on tools, held and pressed by them, stage by stage."""
 
     edges: ClassVar = ()
-    centred: ClassVar = True
     finite: ClassVar[bool] = True
     space: ClassVar[bool] = True
 
@@ -87,6 +135,10 @@ class FormingTable(KindTable):
     """Weight of the cloth, along -z."""
     imperfection: WavesTable = WavesTable()
     """What the blank is not flat by. Example: `{ height = "0.05 mm", seed = 2 }`"""
+    symmetry: list[SideName] = Field(default=[])
+    """Straight sides that lie in planes of symmetry, so that a half or a quarter does for the
+    whole: x = 0 or y = 0 is there. Forces and energies are those of this part. Yarns must run along
+    and across them. Example: `["left", "lower"]`"""
     contact: ContactTable = ContactTable()
     """Compaction, elastic slip and viscosity, where they shall be others than the program's.
     Example: `{ stiffness = "20 kPa/mm" }`"""
@@ -96,9 +148,29 @@ class FormingTable(KindTable):
         """Keys that only this kind has."""
         return [key for key in cls.model_fields if key not in KindTable.model_fields]
 
+    def placed(self, preform: Preform) -> Preform:
+        """See KindTable.placed: centre or planes of symmetry at x = y = 0."""
+        return preform.centred([side for side in self.symmetry if side in preform.edges])
+
+    @property
+    def axes(self) -> list[int]:
+        """Axes, 0 or 1, that are normals of planes of symmetry."""
+        return sorted({_NORMAL[side] for side in self.symmetry})
+
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """See KindTable.check."""
         problems = Problems()
+        for side in dict.fromkeys(self.symmetry):
+            with problems.caught():
+                try:
+                    preform.edge(side)
+                except InputError as error:
+                    raise InputError(f"test.symmetry: {error}") from None
+        if self.symmetry and abs(np.sin(2.0 * preform.bias_angle)) > 1e-9:
+            problems.append(
+                "test.symmetry needs yarns along and across the planes: preform.bias_angle = "
+                f'"0 deg" or "90 deg", got "{format_si(preform.bias_angle, "rad")}"'
+            )
         with problems.caught():
             super().check(preform, fabric)
         by = 'test.kind = "forming"'
@@ -110,6 +182,34 @@ class FormingTable(KindTable):
             with problems.caught():
                 fabric.needed("areal_density", "test.gravity = true")
         problems.tell()
+
+
+class TrimTable(Table):
+    """[[stage]] trim: what stays of the blank, on the flat, about the origin."""
+
+    radius: Size | None = None
+    """Of a circle. Example: `"60 mm"`"""
+    rectangle: Sides | None = None
+    """Width and length. Example: `["100 mm", "80 mm"]`"""
+    polygon: Ring | None = None
+    """Corners. Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]`"""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> TrimTable:
+        if (self.radius, self.rectangle, self.polygon).count(None) != 2:
+            raise ValueError("needs exactly one of radius, rectangle and polygon")
+        if self.polygon is not None and not self.build().is_valid:
+            raise ValueError(".polygon crosses or touches itself")
+        return self
+
+    def build(self) -> shapely.Polygon:
+        """Make it, in metres."""
+        if self.radius is not None:
+            return shapely.Point(0.0, 0.0).buffer(self.radius.si, quad_segs=64)
+        if self.rectangle is not None:
+            x, y = 0.5 * np.array(si_values(self.rectangle))
+            return shapely.box(-x, -y, x, y)
+        return shapely.Polygon([si_values(point) for point in self.polygon or ()])
 
 
 class StageTable(Table):
@@ -130,6 +230,17 @@ class StageTable(Table):
     cloth. Example: `{ holder = "100 N" }`"""
     remove: list[Name] = Field(default=[])
     """Tools that are taken away. Example: `["holder"]`"""
+    trim: TrimTable | None = None
+    """What stays of the blank: cloth beyond is cut off. Example: `{ radius = "60 mm" }`"""
+    release: list[Name] = Field(default=[])
+    """Edges whose clamps let go. Example: `["left"]`"""
+    pressure: Pressure | None = None
+    """On the cloth's upper face at the stage's end, from then on; it follows the cloth. Negative:
+    on the lower face. For cloth whose edges are all held, or lie in planes of symmetry.
+    Example: `"-5 kPa"`"""
+    suction: Pressure | None = None
+    """Alike, right at free edges, too: what a vacuum under the cloth pulls it down by. Negative:
+    upwards. Example: `"80 kPa"`"""
     results: Annotated[Count, Field(le=10_000)] = 1
     """States that are written, evenly over the stage."""
     step: Step | None = None
@@ -168,27 +279,47 @@ class StageTable(Table):
             values = np.array(si_values(force))
             up = 1.0 if name in below else -1.0
             forces[name] = values if len(values) == 3 else np.array([0.0, 0.0, up * values[0]])
-        factors = dict.fromkeys(self.remove, 0.0)
+        factors = dict.fromkeys((*self.remove, *map(clamp_name, self.release)), 0.0)
+        factors |= {key: told.si for key in PRESSURES if (told := getattr(self, key)) is not None}
         return StagePlan(self.name, motions, forces, factors, self.results, self.largest_step)
 
 
-def check_stages(tools: Sequence[ToolTable], stages: Sequence[StageTable], gravity: bool) -> None:
-    """Raise InputError if stages do not fit the tools, or either are missing."""
+def check_stages(
+    test: FormingTable,
+    tools: Sequence[ToolTable],
+    stages: Sequence[StageTable],
+    clamps: Sequence[ClampTable] = (),
+) -> None:
+    """Raise InputError if stages do not fit tools and clamps, or there are none."""
     problems = Problems()
-    names = [tool.name for tool in tools]
-    for key, count in (("tool", len(tools)), ("stage", len(stages))):
-        if not count:
-            problems.append(f'test.kind = "forming" needs at least one [[{key}]]')
+    names, held = [tool.name for tool in tools], [clamp.edge for clamp in clamps]
+    if not tools and not clamps:
+        problems.append('test.kind = "forming" needs at least one [[tool]] or [[clamp]]')
+    if not stages:
+        problems.append('test.kind = "forming" needs at least one [[stage]]')
     for i, name in enumerate(names):
         key = f'tool[{i}].name = "{name}"'
         if not re.fullmatch(r"\w(?:[\w -]{0,38}\w)?", name):
             problems.append(f'{key} must be of up to 40 letters, digits, "_", "-" and blanks')
-        elif name in TAKEN:
+        elif name in TAKEN or name.startswith(("clamp ", "preload ", "trim ")):
             problems.append(f"{key} is what the program calls something else, choose another")
         elif name in names[:i]:
             problems.append(f"{key} is another tool's name, too")
+    for i, edge in enumerate(held):
+        if edge in test.symmetry:
+            problems.append(f'clamp[{i}].edge = "{edge}" lies in a plane of symmetry')
+        elif edge in held[:i]:
+            problems.append(f'clamp[{i}].edge = "{edge}" has another clamp, too')
     gone: set[str] = set()
+    let_go: set[str] = set()
     for i, stage in enumerate(stages):
+        problems += _across_planes(test, f"stage[{i}]", stage)
+        for edge in stage.release:
+            if edge not in held:
+                problems.append(f'stage[{i}].release: there is no [[clamp]] of the edge "{edge}"')
+            elif edge in let_go:
+                problems.append(f'stage[{i}].release: "{edge}" was released in an earlier stage')
+        let_go |= set(stage.release)
         told: dict[str, Iterable[str]] = {
             "travel": stage.travel, "turn": stage.turn, "curve": stage.curve,
             "force": stage.force, "remove": stage.remove,
@@ -213,8 +344,59 @@ def check_stages(tools: Sequence[ToolTable], stages: Sequence[StageTable], gravi
                         f'{where}: tool "{name}" moves in this stage, remove it in a later one'
                     )
         gone |= set(stage.remove)
-        if gravity and names and gone >= set(names):
+        if test.gravity and names and gone >= set(names) and let_go >= set(held):
             problems.append(f"stage[{i}].remove: without any tool nothing holds the cloth's weight")
+            break
+    problems.tell()
+
+
+def _across_planes(test: FormingTable, key: str, stage: StageTable) -> Iterator[str]:
+    """What of a stage goes through planes of symmetry, in sentences."""
+    for axis in test.axes:
+        plane = f"the plane of symmetry {'xy'[axis]} = 0"
+        forces = {name: f for name, f in stage.force.items() if isinstance(f, list)}
+        for word, ways in (("travel", stage.travel), ("force", forces)):
+            for name, way in ways.items():
+                if way[axis].si != 0.0:
+                    yield f'{key}.{word}: tool "{name}" would leave {plane}'
+        for name, turn in stage.turn.items():
+            if any(value for k, value in enumerate(turn.axis) if k != axis):
+                yield f'{key}.turn: tool "{name}" would turn out of {plane}'
+
+
+def check_pressure(
+    test: FormingTable,
+    preform: Preform,
+    stages: Sequence[StageTable],
+    clamps: Sequence[ClampTable] = (),
+) -> None:
+    """Raise InputError if there is pressure, as other than suction, on cloth with a free edge."""
+    problems, on, holds = Problems(), False, {clamp.edge for clamp in clamps if clamp.holds}
+    advice = (
+        "which follows the cloth and is right only where all edges are held ([[clamp]] without "
+        "springs) or lie in planes of symmetry; suction is right there"
+    )
+    for clamp in clamps:
+        with problems.caught():
+            preform.edge(clamp.edge)
+    problems.tell()
+    edges = preform.edges
+    pieces = {name: edges[name] for name in edges if name.startswith(("outline-", "hole-"))}
+    for i, stage in enumerate(stages):
+        holds -= set(stage.release)
+        before, on = on, on if stage.pressure is None else stage.pressure.si != 0.0
+        if not before and not on:
+            continue
+        known = [piece for name in (*test.symmetry, *sorted(holds)) for piece in preform.edge(name)]
+        sure = {piece.tobytes() for piece in known}
+        free = [name for name, e in pieces.items() if any(s.tobytes() not in sure for s in e)]
+        if any(earlier.trim is not None for earlier in stages[: i + 1]):
+            problems.append(
+                f"stage[{i}]: cloth is trimmed, so that its edge is free under pressure, {advice}"
+            )
+            break
+        if free:
+            problems.append(f'stage[{i}]: the edge "{free[0]}" is free under pressure, {advice}')
             break
     problems.tell()
 

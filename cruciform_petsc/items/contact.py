@@ -162,7 +162,7 @@ class Contact(Item):
         if not old:
             nowhere, nothing = np.full_like(y, np.nan), np.zeros(len(y))
             fresh = np.ones(len(y), bool)
-            old = {"anchor": nowhere, "pressed": nothing, "spent": nothing}
+            old = {"anchor": nowhere, "pressed": nothing, "spent": nothing, "slid": nothing}
             old |= {"place": y, "fresh": fresh}
         d, normal, _ = self.surface.look(y)
         pressed = self.area * self._compacted(state, d)[1]
@@ -187,6 +187,7 @@ class Contact(Item):
         moved = y - keep[:, None] * gap
         slid = np.maximum(s - self.slip, 0.0)
         memory["spent"] = memory["spent"] + self.friction * memory["pressed"] * slid
+        memory["slid"] = memory["slid"] + np.where(memory["pressed"] > 0.0, slid, 0.0)
         anchor = np.where((s > self.slip)[:, None], moved, memory["anchor"])
         touches = memory["pressed"] > 0.0
         memory["anchor"] = np.where(touches[:, None], anchor, np.nan)
@@ -203,10 +204,20 @@ class Contact(Item):
         return self.nodes[at, 0], after.x[tool] + self.local(before)[at] @ turn.T
 
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
-        """Distance of the cloth's face to the tool [m] and pressure [Pa]; (m,)."""
+        """Distance of the cloth's face to the tool [m], pressure [Pa], the way slid [m]; (m,)."""
         distance = self.surface.look(self.local(state))[0]
         pressure = self._compacted(state, distance)[1]
-        return {"distance": distance - self.offset, "pressure": pressure}
+        slid = state.memory.get(self.name, {}).get("slid", np.zeros(len(distance)))
+        return {"distance": distance - self.offset, "pressure": pressure, "slip": slid}
+
+    def moment(self, state: Placed) -> np.ndarray:
+        """Moment on the cloth about the tool's origin by this rank's nodes, (3,), N m."""
+        moment = np.zeros(3)
+        for rows in self.chunks():
+            arm = state.x[self.nodes[rows, 0]] - state.x[self.tool]
+            force = -self.work(state, FORCE, rows)[1][:, 0]  # the energy's gradient points back
+            moment += np.cross(arm, force).sum(axis=0)
+        return moment
 
 
 def _along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

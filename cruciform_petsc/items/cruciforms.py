@@ -56,6 +56,10 @@ class Cruciforms(Item):
         crossing = network.arm_node[rows[self._held_rows]]
         missing = self.arm_length[self._held_rows] == 0
         self._clamp = ply.clamp_of[np.where(missing, crossing, crossing[:, OPPOSITE])]
+        mirrored = ply.constraints.mirrored_arm[network.arm_node[rows], np.arange(4)]
+        self._mirrored = at, arm = np.nonzero(mirrored & (self.arm_length == 0))
+        for k, sign in ((arm, 1.0), (OPPOSITE[arm], -1.0)):  # both count at the hinge
+            self._along[at, k] = np.where(arm < 2, 0.5 * sign, -0.5 * sign)
         self._at_rest = np.zeros((0, 4, ply.dim))
 
     def held(self, state: Placed, rows: slice) -> np.ndarray:
@@ -156,6 +160,11 @@ class Cruciforms(Item):
         reverse = np.where(source == np.arange(4), 1.0, -1.0)[..., None]
         held = self.held(state, slice(None))
         t = np.where((self.turn_source == HELD)[..., None], held, reverse * t[at, source])
+        # Beyond a plane of symmetry a yarn goes on as its mirror image.
+        n = self.directions[self._mirrored[1]]
+        t[self._mirrored] = (
+            2.0 * (t[self._mirrored] * n).sum(axis=1)[:, None] * n - t[self._mirrored]
+        )
         return stretch, t
 
     def mean(self, arms: np.ndarray, axis: int) -> np.ndarray:

@@ -103,7 +103,11 @@ class Item:
         return state.memory.get(self.name, {}), 0.0, 0.0
 
     def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
-        """What to remember of a state that was accepted: arrays over local nodes."""
+        """What to remember of a state that was accepted: arrays (m, ...), a row an element.
+
+        Checkpoints keep a row by its element's first node: an item that remembers has elements that
+        begin with nodes of this rank, none with the same.
+        """
         return {}
 
     def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from types import SimpleNamespace
 from typing import Any
 
@@ -116,6 +117,57 @@ class Pressure(Item):
         return energy, force, stiffness
 
 
+class PressureAbove(Item):
+    """Follower pressure on a ply over a level plane: energy -f p V, f the state's factor for it.
+
+    V is the volume between the cloth and z = ``base``, the sum over triangles (`facets`) of weight
+    times area in plan times mean height. Right, reactions too, where the edge is held in the plane,
+    slides in it, or slides in planes of symmetry that stand on it: walls there add nothing to V. It
+    pushes along warp x weft.
+
+    Parameters
+    ----------
+    ply : PlyNodes
+        In space.
+    pressure : float
+        p, Pa.
+    base : float
+        m.
+    """
+
+    name = "pressure"
+    modes = ("pressure",)
+    is_load = True
+
+    def __init__(self, ply: PlyNodes, pressure: float, base: float = 0.0):
+        self.nodes, self.weight = facets(ply)
+        self.pressure, self.base = pressure, base
+
+    def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
+        """See Item.work."""
+        x = state.x[self.nodes[rows]]
+        size = -state.factors.get(self.name, 1.0) * self.pressure / 6.0 * self.weight[rows]
+        energy, force, stiffness = room(len(x), 1, 3, 3, level)
+        side = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)  # from the next corner to the last
+        slope = np.stack([-side[..., 1], side[..., 0]], axis=2)  # of twice the area, by corners
+        area = side[:, 2, 0] * side[:, 0, 1] - side[:, 2, 1] * side[:, 0, 0]
+        height = x[..., 2].sum(axis=1) - 3.0 * self.base
+        energy[:, 0] = size * area * height
+        if level >= FORCE:
+            force[..., :2] = (size * height)[:, None, None] * slope
+            force[..., 2] = (size * area)[:, None]
+        if level >= STIFFNESS:
+            stiffness[:] = 0.0
+            for p in range(3):
+                across = size[:, None] * slope[:, p]
+                stiffness[:, p, :2, :, 2] = across[:, :, None]
+                stiffness[:, :, 2, p, :2] = across[:, None]
+                for q, sign in (((p + 1) % 3, 1.0), ((p + 2) % 3, -1.0)):
+                    stiffness[:, p, 0, q, 1] = sign * size * height
+                    stiffness[:, p, 1, q, 0] = -sign * size * height
+        return energy, force, stiffness
+
+
 class Suction(Item):
     """One-sided pressure with the area and normal of a state before: right at free edges, too.
 
@@ -186,7 +238,8 @@ def _cross_matrix(v: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def facets(ply: PlyNodes) -> tuple[np.ndarray, np.ndarray]:
+@singledispatch
+def facets(ply: Any) -> tuple[np.ndarray, np.ndarray]:
     """Triangles of the surface through a ply's arm ends, on the ranks that own their crossovers.
 
     Two kinds of quadrilaterals tile the cloth: around each crossover that of its four arm ends,

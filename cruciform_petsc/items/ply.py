@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from ..elements.level import ENERGY
 from ..laws import Potential
@@ -18,6 +20,7 @@ from .cruciforms import Cruciforms
 from .item import Item, Placed
 from .loads import DeadLoads
 from .nodes import PlyNodes
+from .trimmed import kept
 
 MODES = ("tension", "shear", "bending")  # of the energy of a cloth in its plane
 
@@ -30,6 +33,8 @@ class Ply(PlyNodes):
     cruciforms, bends, loads : items
     further : list of Item
         More that acts on this ply: an imperfection, gravity, a pressure.
+    cuts : mapping
+        What is cut off at some time, see items.trimmed: such crossovers carry nothing then.
     """
 
     def __init__(
@@ -48,6 +53,7 @@ class Ply(PlyNodes):
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
         self.further: list[Item] = []
+        self.cuts: Mapping[str, shapely.Polygon] = {}
 
     def with_shear_law(self, law: Potential) -> Ply:
         """The same ply of cloth with another shear law; all else is shared."""
@@ -64,7 +70,12 @@ class Ply(PlyNodes):
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a crossover, radians. Collective."""
         angles = abs(self.cruciforms.shear_angles(self.cruciforms.arms(state)[1]))
-        return most(self.comm, angles, 0.0)
+        return most(self.comm, angles[self.carrying(state)[self.cruciforms.rows]], 0.0)
+
+    def carrying(self, state: Placed) -> np.ndarray:
+        """Which of this rank's crossovers carry load, bool (n_owned,)."""
+        stays = kept(self.network.crossover_position, self.cuts, state.factors)
+        return self.supports.carrying & stays
 
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
         """Fields at this rank's crossovers; the same as LinearNetwork.crossover_fields. Collective.
@@ -112,5 +123,5 @@ class Ply(PlyNodes):
             "tension_energy": spread(energy[:, 0]),
             "shear_energy": spread(energy[:, 1]),
             **{f"{mode}_energy": bent[:, i] for i, mode in enumerate(self.bends.modes)},
-            "carrying": self.supports.carrying.copy(),
+            "carrying": self.carrying(state),
         }

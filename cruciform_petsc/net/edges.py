@@ -51,13 +51,13 @@ class Constraints:
         candidates = np.flatnonzero(network.node_is_boundary)
         on = np.zeros(network.num_nodes_local, bool)
         line = shapely.multilinestrings(network.preform.edge(edge))
-        on[candidates] = self._near(candidates, line)
+        on[candidates] = self.near(candidates, line)
         network.halo.forward(on)
         if not network.comm.allreduce(int(on[: network.num_nodes_owned].sum())):
             raise InputError(f"no yarn reaches the edge '{edge}': choose a finer pitch (refine)")
         return np.flatnonzero(on)
 
-    def _near(self, nodes: np.ndarray, line: shapely.Geometry) -> np.ndarray:
+    def near(self, nodes: np.ndarray, line: shapely.Geometry) -> np.ndarray:
         """Which nodes lie on a line, but for the shortest arm; bool (n,)."""
         points = shapely.points(self.network.node_position[nodes])
         return shapely.distance(line, points) <= SHORTEST_ARM * self.network.pitch.max()
@@ -82,7 +82,7 @@ class Constraints:
         for segment in self.network.preform.edge(edge):
             tangent = (segment[1] - segment[0]) / np.hypot(*(segment[1] - segment[0]))
             leaves = arms @ np.array([tangent[1], -tangent[0]]) > 1e-6  # along the outward normal
-            self.held_arm[nodes[self._near(nodes, shapely.linestrings(segment))]] |= leaves
+            self.held_arm[nodes[self.near(nodes, shapely.linestrings(segment))]] |= leaves
         self.network.halo.forward(self.held_arm)
 
     def guide(self, edge: str, direction, displacement: float, in_plane=True) -> np.ndarray:
@@ -159,18 +159,30 @@ class Constraints:
     def line_load(self, edge: str, traction) -> None:
         """Put a force per length (x, y), N/m, on an edge, straight or not. Collective.
 
-        The share (normal . yarn direction)^2 of the traction goes to the ends of the warp yarns,
-        the rest to the weft's: then a uniform stress loads each yarn end with just its own force.
-        Within a family each end takes the edge up to halfway to its neighbours, as its quadrants
-        do; what that changes of the load's moment is leaned back in (which takes two ends).
+        Each yarn end carries its length of the edge (`lengths`); what that changes of the load's
+        moment is leaned back in (which takes two ends).
+        """
+        traction = np.asarray(traction, float)
+        length = self.lengths(edge, traction)[:, None]
+        self.force += length * self.network.to_yarn(traction)
+        self.network.halo.forward(self.force)
+
+    def lengths(self, edge: str, traction=(0.0, 0.0)) -> np.ndarray:
+        """Length of an edge [m] that each yarn end there stands for, (n_local,). Collective.
+
+        The share (normal . yarn direction)^2 goes to the ends of the warp yarns, the rest to the
+        weft's: then a uniform stress loads each yarn end with just its own force. Within a family
+        each end takes the edge up to halfway to its neighbours, as its quadrants do, but for what
+        keeps the moment of a traction (x, y). Of nodes that this rank owns, else 0.
         """
         network = self.network
         traction = np.asarray(traction, float)
         nodes = self.nodes_on(edge)
         owned = nodes[nodes < network.num_nodes_owned]
+        total = np.zeros(network.num_nodes_local)
         for chain in chains(network.preform.edge(edge)):
             line = shapely.linestrings(np.concatenate([chain[:1, 0], chain[:, 1]]))
-            here = owned[self._near(owned, line)]
+            here = owned[self.near(owned, line)]
             position, is_hinge = network.node_position[here], network.node_is_hinge[here]
             # A hinge on the edge is an end of both families.
             ends = [is_hinge | (network.node_family[here] == family) for family in (0, 1)]
@@ -193,8 +205,16 @@ class Constraints:
             carried = np.zeros(len(along))
             for f in (0, 1):
                 carried[ends[f]] += lumped[f]
-            self.force[here] += carried[begin : begin + len(here), None] * network.to_yarn(traction)
-        network.halo.forward(self.force)
+            total[here] += carried[begin : begin + len(here)]
+        return total
+
+    def outwards(self, edge: str, nodes: np.ndarray) -> np.ndarray:
+        """Unit normals (n, 2) of an edge, x and y, out of the cloth at some nodes on it."""
+        segments = self.network.preform.edge(edge)
+        points = shapely.points(self.network.node_position[nodes])
+        distance = shapely.distance(points[:, None], shapely.linestrings(segments))
+        along = (segments[:, 1] - segments[:, 0])[distance.argmin(axis=1)]
+        return np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
 
 
 def chains(segments: np.ndarray) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..parallel import DistributedNodes, Halo
+from .lattice import PART_BIT
 
 
 class ToolNodes(DistributedNodes):
@@ -28,14 +29,14 @@ class ToolNodes(DistributedNodes):
 
 
 class JoinedNodes(DistributedNodes):
-    """Sets of nodes with ``rest`` and ``frame`` as one set. Collective.
-
-    Its nodes have no names.
+    """Sets of nodes, at most 64, with ``rest`` and ``frame`` as one set. Collective.
 
     Attributes
     ----------
     maps : list of int32 (n_local of the part,)
         Local numbers here of each part's local nodes.
+    node_key
+        The parts' keys, which leave room for the number of the part.
     comm, num_nodes_owned, num_nodes_local, num_nodes_global, node_offset, node_number_global,
     ghost_owner, halo
         As of DistributedNodes; owned nodes go part by part.
@@ -65,6 +66,8 @@ class JoinedNodes(DistributedNodes):
         self.halo = Halo.of_numbers(comm, self.num_nodes_owned, numbers)
         self.rest = self.join([part.rest for part in parts])
         self.frame = self.join([part.frame for part in parts])
+        keys = [part.node_key + (n << PART_BIT) for n, part in enumerate(parts)]
+        self.node_key = self.join(keys)
 
     def join(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """Values of the parts' local nodes (n_local, ...) -> of all local nodes."""

@@ -30,15 +30,17 @@ QUADRANTS = np.array([[0, 1], [2, 1], [2, 3], [0, 3]])
 # Where arms 1 to 4 of a crossover end, in quarters of a pitch from it: shared ends, and tails. The
 # crossovers, or hinges, are at multiples of 4: the last two bits of a key tell these three apart.
 BETWEEN, TAIL = np.array([2, 2, -2, -2]), np.array([1, 1, -1, -1])
+PART_BIT = 56  # of a key: where the number of a set of nodes among others begins, see pack_key
 
 
 def pack_key(family: int, line, place):
     """Key of a place on a yarn, int64: sorts by family, then yarn, then along the yarn.
 
-    Bit 62 is the family, then come 30 bits of the yarn's number and 32 of the place, in quarters of
-    a pitch: places are added to keys.
+    Bit 62 is the family, then come 6 bits for the number of a set of nodes among others
+    (net.joined), 24 of the yarn's number and 32 of the place, in quarters of a pitch: places are
+    added to keys.
     """
-    return (np.int64(family) << 62) + ((line + 2**29) << 32) + (place + 2**31)
+    return (np.int64(family) << 62) + ((line + 2**23) << 32) + (place + 2**31)
 
 
 def pair_key(line: np.ndarray, position: np.ndarray) -> np.ndarray:

@@ -39,7 +39,7 @@ from .partition import Partition
 # of the outline with a lattice line, on every rank.
 _BYTES, _OUTLINE_BYTES = 330.0, 1000.0
 # Lattice lines count from the outline's middle and must fit into keys (pack_key).
-_FARTHEST = 2**29 - 4
+_FARTHEST = 2**23 - 4
 
 
 class Network(DistributedNodes):

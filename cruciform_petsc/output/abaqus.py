@@ -6,62 +6,41 @@ Model data only, without materials' properties, boundary conditions and steps. I
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from textwrap import shorten
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import numpy as np
 
-from .. import __version__
 from ..experiments.result import ZONES
-from .cells import lattice_cells, thickening
-from .provenance import commit
-from .tables import in_order, lines
-
-if TYPE_CHECKING:
-    from ..experiments.result import TestResult
+from .cells import thickening
+from .mesh import Mesh
+from .tables import lines
 
 _PER_LINE = 16  # numbers that a data line of *ELSET may hold
 Piece = tuple[str, bytes]  # lines that are the same on every rank, then this rank's
 
 
-def input_file(
-    result: TestResult, index: int, hold: str, number: np.ndarray, columns: Mapping[str, np.ndarray]
-) -> Iterator[Piece]:
-    """Pieces of the file for a state. Collective.
+def input_file(mesh: Mesh, has_zones: bool = False) -> Iterator[Piece]:
+    """Pieces of the file of a mesh. Collective.
 
-    ``number`` and ``columns`` (n,): crossovers as `ordered.in_order` has dealt them out, and what
-    exports.crossover_columns tells of them. ``hold``: see exports.export. Numbers in the file are
-    one higher.
+    ``has_zones``: write sets of the elements in zones.
     """
-    network, state, column = result.network, result.states[index], result.experiment.column
-    fabric, fields, total = network.fabric, state.fields, network.num_crossovers_global
-    has_zones = result.experiment.has_zones
-    zones = result.zones if has_zones else np.zeros(network.num_crossovers_owned)
-    place = network.crossover_position + fields["displacement"]
-    key, *values = lattice_cells(network, place, fields["carrying"], zones)
-    key, rows = in_order(network.comm, key, 2 * total, np.column_stack(values))
-    corner, warp, weft, area_ratio, zone = np.split(rows, [4, 6, 8, 9], axis=1)
-    node = number + 1
-    element = (network.comm.exscan(len(key)) or 0) + np.arange(len(key)) + 1
-    # A title is anything that people write; it must stay one line, of letters that Abaqus knows.
-    title = shorten(fabric.name, 100).encode("ascii", "replace").decode()
+    fabric, node, element = mesh.fabric, mesh.node, mesh.element
+    warp, weft = mesh.warp, mesh.weft
+    first, _, second = mesh.heading.partition("\n")
     yield (
-        "*HEADING\n"
-        f"cruciform_petsc {__version__}, commit {commit() or 'unknown'}, {result.experiment.kind}\n"
-        f"** {title}, {column.column} = {state.control / column.scale:.9g}\n"
+        f"*HEADING\n{first}\n** {second}\n"
         "** Units: mm, N, MPa. Nodes are crossovers; the node's number is the crossover's plus 1.\n"
         "*NODE, NSET=CROSSOVERS\n",
-        lines("%d, %.9g, %.9g, 0.", node, columns["x_mm"], columns["y_mm"]),
+        lines("%d, %.9g, %.9g, %.9g", node, mesh.place),
     )
-    yield from _elements(network.comm, element, corner.astype(np.int64) + 1)
+    yield from _elements(mesh)
     if has_zones:
-        yield from _zone_sets(network.comm, element, zone[:, 0])
+        yield from _zone_sets(mesh.comm, element, mesh.zone)
     yield _distribution(
         "** Local 1-direction: warp. The second point of each line is the weft's own direction,\n"
         "** not at a right angle to the warp where the cloth is sheared.\n",
         *("YARN_AXES", "AXES", "COORD3D, COORD3D", "1., 0., 0., 0., 1., 0."),
-        lines("%d, %.9g, %.9g, 0., %.9g, %.9g, 0.", element, warp, weft),
+        lines("%d, %.9g, %.9g, %.9g, %.9g, %.9g, %.9g", element, warp, weft),
     )
     yield "*ORIENTATION, NAME=YARNS, SYSTEM=RECTANGULAR\nYARN_AXES\n3, 0.\n", b""
     yield _distribution(
@@ -74,9 +53,9 @@ def input_file(
     else:
         rest = 1e3 * fabric.thickness
         yield _distribution(
-            f"** Thickness in mm, at a constant {hold}.\n",
+            f"** Thickness in mm, at a constant {mesh.hold}.\n",
             *("THICKNESS", "LENGTHS", "LENGTH", f"{rest:.9g}"),
-            lines("%d, %.9g", element, rest * thickening(area_ratio, hold)),
+            lines("%d, %.9g", element, rest * thickening(mesh.area_ratio, mesh.hold)),
         )
         yield (
             "** Two layers of half the thickness, each with its fibres along one family of yarns.\n"
@@ -88,32 +67,33 @@ def input_file(
             "*MATERIAL, NAME=WEFT_LAYER\n",
             b"",
         )
-    variables = {"shear_deg": "shear angle, degrees"}
+    variables = {"shear angle, degrees": mesh.shear_deg}
     if fabric.fibre_volume_fraction is not None:
-        variables["fibre_volume_fraction"] = "fibre volume fraction"
-    for i, (name, what) in enumerate(variables.items(), 1):
+        variables["fibre volume fraction"] = mesh.fraction(mesh.node_area_ratio)
+    for i, (what, values) in enumerate(variables.items(), 1):
         yield (
             f"** Field variable {i}: {what}.\n*INITIAL CONDITIONS, TYPE=FIELD, VARIABLE={i}\n",
-            lines("%d, %.9g", node, columns[name]),
+            lines("%d, %.9g", node, values),
         )
 
 
 def weft_angle_deg(warp: np.ndarray, weft: np.ndarray) -> np.ndarray:
-    """Angle from the warp to the weft (m, 2) as axes, in (-90, 90] degrees; (m,)."""
-    sine = warp[:, 0] * weft[:, 1] - warp[:, 1] * weft[:, 0]
+    """Angle from the warp to the weft (m, 3) as axes, in (-90, 90] degrees; (m,).
+
+    About warp times weft, the normal of shells whose corners go that way.
+    """
+    sine = np.linalg.norm(np.cross(warp, weft), axis=1)
     angle = np.rad2deg(np.arctan2(sine, (warp * weft).sum(axis=1)))
     return angle - 180.0 * np.ceil((angle - 90.0) / 180.0)
 
 
-def _elements(comm, element: np.ndarray, corner: np.ndarray) -> Iterator[Piece]:
-    """Elements by their types, with corners (m, 4), 0 where a triangle has none. Collective."""
-    size = (corner > 0).sum(axis=1)
+def _elements(mesh: Mesh) -> Iterator[Piece]:
+    """Elements by their types. Collective."""
     for kind, corners in (("S4R", 4), ("S3R", 3)):
-        chosen = size == corners
-        if comm.allreduce(int(chosen.sum())):
-            nodes = corner[chosen][corner[chosen] > 0].reshape(-1, corners)
+        chosen, nodes = mesh.with_corners(corners)
+        if mesh.comm.allreduce(int(chosen.sum())):
             template = ", ".join(["%d"] * (1 + corners))
-            data = lines(template, element[chosen], nodes)
+            data = lines(template, mesh.element[chosen], nodes)
             yield f"*ELEMENT, TYPE={kind}, ELSET=CLOTH\n", data
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..net.lattice import ARM_STEP
@@ -14,31 +16,51 @@ CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 _PIECES = ((0, 0), (1, 1), (3, 0), (0, 1))
 
 
-def lattice_cells(
-    network: Network, position: np.ndarray, carrying: np.ndarray, zone: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Find the cells between joined crossovers that carry load, each on one rank. Collective.
+@dataclass(frozen=True)
+class Cells:
+    """Cells between crossovers, those of this rank.
 
-    A cell with all four crossovers is one if all four pieces of yarn around it are whole. Where the
-    outline has cut one crossover off, the other three make a triangle if both its legs are whole.
-
-    ``position`` (n_owned, 2) of this rank's crossovers now, m; whether they are ``carrying`` and in
-    which ``zone``, (n_owned,).
-
-    Returns
-    -------
+    Attributes
+    ----------
     key : int64 (n,)
         Names that are the same on any number of ranks, below 2 x the number of crossovers.
     corner : int64 (n, 4)
         Global numbers of the crossovers at the corners, anticlockwise from the one that comes first
         along both yarns; -1 where there is none.
-    warp, weft : float (n, 2)
+    rest, place : float (n, 4, 2), (n, 4, dim)
+        Where the corners are at rest and now, m; of a triangle's missing one, where it would make
+        a parallelogram.
+    warp, weft : float (n, dim)
         Unit vectors along the yarns in the middle of the cell, now; of a triangle, along its legs.
     area_ratio : float (n,)
         Area now over area at rest.
     zone : float (n,)
         Zone of the corners, -1 if they are not all in one.
     """
+
+    key: np.ndarray
+    corner: np.ndarray
+    rest: np.ndarray
+    place: np.ndarray
+    warp: np.ndarray
+    weft: np.ndarray
+    area_ratio: np.ndarray
+    zone: np.ndarray
+
+
+def lattice_cells(
+    network: Network, position: np.ndarray, carrying: np.ndarray, zone: np.ndarray | None = None
+) -> Cells:
+    """Find the cells between joined crossovers that carry load, each on one rank. Collective.
+
+    A cell with all four crossovers is one if all four pieces of yarn around it are whole. Where the
+    outline has cut one crossover off, the other three make a triangle if both its legs are whole.
+
+    ``position`` (n_owned, dim) of this rank's crossovers now, m; whether they are ``carrying`` and
+    in which ``zone``, (n_owned,).
+    """
+    dim = position.shape[1]
+    zone = np.zeros(len(position)) if zone is None else zone
     # A cell belongs to the crossover with the lowest number at its corners: the first corner, or
     # the second where there is no first.
     own = network.crossover_ij.astype(np.int64)
@@ -58,19 +80,25 @@ def lattice_cells(
 
     data = np.column_stack([position, zone, carrying])
     value = _of_crossovers(network, corner, lattice, data)
-    good = ((value[..., 3] == 1.0) | missing).all(axis=1)
-    key, corner, missing, value = (array[good] for array in (key, corner, missing, value))
-    place, zones = value[..., :2], value[..., 2]
+    good = ((value[..., -1] == 1.0) | missing).all(axis=1)
+    key, corner, missing, lattice, value = (
+        array[good] for array in (key, corner, missing, lattice, value)
+    )
+    place, zones = value[..., :dim], value[..., dim]
     # The fourth corner of the parallelogram stands for what a triangle lacks.
     row, k = np.nonzero(missing)
     place[row, k] = place[row, (k + 1) % 4] + place[row, k - 1] - place[row, (k + 2) % 4]
     zones[row, k] = zones[row, k - 1]
     across, down = place[:, 2] - place[:, 0], place[:, 3] - place[:, 1]
     area = 0.5 * (across[:, 0] * down[:, 1] - across[:, 1] * down[:, 0])
+    if dim == 3:
+        area = 0.5 * np.linalg.norm(np.cross(across, down), axis=1)
     yarns = across - down, across + down
     warp, weft = (along / np.linalg.norm(along, axis=1, keepdims=True) for along in yarns)
     same = (zones == zones[:, :1]).all(axis=1)
-    return key, corner, warp, weft, area / network.pitch.prod(), np.where(same, zones[:, 0], -1)
+    rest = network.origin + network.to_lab(lattice * network.pitch)
+    ratio, zone = area / network.pitch.prod(), np.where(same, zones[:, 0], -1)
+    return Cells(key, corner, rest, place, warp, weft, ratio, zone)
 
 
 def thickening(area_ratio: np.ndarray, hold: str) -> np.ndarray:

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Checkpoints of a test at finite deformation: killed at any moment, it goes on from the last one.
+"""Checkpoints of a finite test or a forming: killed at any moment, it goes on from the last one.
 
 In the folder ``checkpoint`` of the results lie the folders
 
-- ``newest`` and ``previous``: after each of the last two accepted increments, what it takes to go
-  on: the case, the histories of all increments, positions of the last three states, and what
-  items remember;
-- ``state-N``: the state after the N-th increment, which the results need.
+- ``newest`` and ``previous``: after each of the last two accepted increments (of a forming: steps),
+  what it takes to go on: the case, the histories of all increments, positions of the last three
+  states (of a forming the last one), and what items remember;
+- ``state-N``: the state after the N-th increment as it was found, which the results need.
 
 In each of them ``rank-R.npy`` holds the nodes that rank R owned, as records of a key and
 values, and ``manifest.json`` all else, with the SHA-256 of every file and of itself. A folder
 gets its name when all this is on the disk and has been read back. A key is a place on a yarn
-(`net.lattice`), whatever the ranks are: those that go on read equal shares of the records, and send
-them to the ranks that own these places now. No rank ever holds all.
+of a ply, or a tool (`net.lattice`), whatever the ranks are: those that go on read equal shares of
+the records, and send them to the ranks that own these nodes now. No rank ever holds all.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import os
 import re
 import shlex
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
@@ -40,6 +40,9 @@ from ..case.schema import Case
 from ..equilibrium.follow import Path as StagePath
 from ..equilibrium.stages import Increment
 from ..errors import InputError, cut, typed_before
+from ..forming.forming import FormingStep
+from ..forming.press import stage_number, targets
+from ..forming.table import FormingTable
 from ..parallel import ask, find_sorted, on_all, on_root, send_by_rank
 from ..reading import open_regular, read_bytes
 from .folder import (
@@ -56,12 +59,12 @@ from .folder import (
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from ..equilibrium.model import Model
     from ..equilibrium.state import State
-    from ..net.nodes import Nodes
 
 NEWEST, PREVIOUS, MANIFEST = "newest", "previous", "manifest.json"
 HEADER = 2**12  # bytes that NumPy puts before an array, at most
-FORMAT = 3  # 1: files, of version 0.1.0; 2: of 0.2.0, states asked for only
+FORMAT = 4  # 1: files, of version 0.1.0; 2: of 0.2.0, states asked for only; 3: other keys
 PARTS, FILES = r"newest|previous|(state|new)-\d+", r"manifest\.json|rank-\d+\.npy"
 ANEW = f"begin anew with {typed_before()}cruciform-petsc run"
 
@@ -101,17 +104,20 @@ class _Run(_Table):
 
     case: dict[str, Any]
     determines: dict[str, Any]
-    increments: list[Increment]
+    increments: list[Increment] | list[FormingStep]
     controls: Annotated[list[float], Field(min_length=1, max_length=3)]  # of the positions
     path: _Path
     states: list[Hash]  # of the manifests of the states after each increment
 
     def is_way_through(self, case: Case) -> bool:
         """Whether increments lead through the values asked for to where the path is."""
-        values = case.test.values_si
-        by_load = case.test.control == "load" != next(iter(case.test.controls))
+        stages, by_load, increments = _values(case), _is_by_load(case), bare(self.increments)
+        if self.path.begin not in range(len(stages)) or not self._is_of_kind(case):
+            return False
+        stage = int(self.path.begin)
+        values = [value for of_stage in stages for value in of_stage]
         before, asked = 0.0, 0
-        for increment in self.increments:
+        for increment in increments:
             if asked == len(values) or not _has_numbers(asdict(increment)):
                 return False
             value, control = values[asked], increment.control
@@ -121,29 +127,77 @@ class _Run(_Table):
             if increment.asked and abs(reached - value) > 1e-6 * max(map(abs, values)):
                 return False
             asked, before = asked + increment.asked, control
-        controls = [increment.control for increment in self.increments]
+        controls = [increment.control for increment in increments]
         largest = max(map(abs, controls), default=math.inf)
         allowed = self.path.allowed
-        modes = {tuple(increment.energies) for increment in self.increments}
         return (
-            len(modes) <= 1
-            and all(re.fullmatch(r"[a-z_]{1,40}", mode) for names in modes for mode in names)
-            and self.path.target == asked
-            and self.path.begin == 0.0
-            and len(self.states) == len(self.increments)
-            and len({tuple(increment.columns) for increment in self.increments}) < 2
+            len({tuple(increment.energies) for increment in increments}) < 2
+            and (len(stages) == 1 or stage == stage_number(before))
+            and self.path.target == asked - sum(map(len, stages[:stage]))
+            and len(self.states) == len(increments)
+            and len({tuple(increment.columns) for increment in increments}) < 2
             and self.controls[-1] == before
             and (by_load or {0.0, *controls}.issuperset(self.controls))
             and len(set(self.controls)) == len(self.controls)
             and (allowed is None or allowed > 1e-12 * largest)
         )
 
+    def _is_of_kind(self, case: Case) -> bool:
+        """Whether there are steps of a forming with its stages and tools, or mere increments."""
+        if not isinstance(case.test, FormingTable):
+            return not any(isinstance(step, FormingStep) for step in self.increments)
+        names, known = {tool.name for tool in case.tools}, set()
+        for step in self.increments:
+            if not isinstance(step, FormingStep):
+                return False
+            figures = asdict(step)
+            known.add(tuple(tuple(part) for part in figures.values() if isinstance(part, dict)))
+            if not (
+                figures.pop("stage") == _stage_name(case, step.increment.control)
+                and all(vectors.keys() == names for vectors in step.of_tools)
+                and _has_numbers(figures)
+            ):
+                return False
+        return len(known) < 2  # of loads, clamps and whatever else: the same ones in all steps
+
+    def up_to(self, count: int, path: _Path) -> _Run:
+        """What there was after so many increments, on the path kept with the last of them."""
+        increments = self.increments[:count]
+        now = {"path": path, "increments": increments, "states": self.states[:count]}
+        return self.model_copy(update={"controls": [bare(increments)[-1].control], **now})
+
+
+def bare(steps: Sequence[Increment | FormingStep]) -> list[Increment]:
+    """The increments of steps, without what else there is of those of a forming."""
+    return [step.increment if isinstance(step, FormingStep) else step for step in steps]
+
+
+def _values(case: Case) -> list[list[float]]:
+    """Values asked for, in each stage; all but a forming have one."""
+    if isinstance(case.test, FormingTable):
+        return [targets(number, stage.results) for number, stage in enumerate(case.stages)]
+    return [case.test.values_si]
+
+
+def _is_by_load(case: Case) -> bool:
+    """Whether loads are asked for, and the controls that give them are found."""
+    if isinstance(case.test, FormingTable):
+        return False
+    return case.test.control == "load" != next(iter(case.test.controls))
+
+
+def _stage_name(case: Case, time: float) -> str | None:
+    number = stage_number(time) if abs(time) < MOST else len(case.stages)
+    return case.stages[number].name if number < len(case.stages) else None
+
 
 def _has_numbers(figures: Any) -> bool:
     """Whether all that there is are numbers that can be summed up and squared."""
-    if isinstance(figures, dict | list):
+    if isinstance(figures, dict | list | np.ndarray):
         parts = figures.values() if isinstance(figures, dict) else figures
         return all(map(_has_numbers, parts))
+    if figures is None:  # of a column that is not a number
+        return True
     return abs(figures) < (2**53 if isinstance(figures, int) else MOST)
 
 
@@ -167,19 +221,12 @@ class _Arrays(_Table):
 
     positions: Annotated[list[Annotated[int, Field(ge=1, le=3)]], Field(max_length=2)]
     memory: Annotated[dict[Name, Annotated[dict[Name, _Array], Field(max_length=16)]],
-                      Field(max_length=64)]  # fmt: skip
+                      Field(max_length=256)]  # fmt: skip
 
     @classmethod
     def of(cls, states: Sequence[State]) -> _Arrays:
         """Of states that are to be written."""
-        memory = {
-            item: {
-                name: _Array(type=array.dtype.str, shape=list(array.shape[1:]))
-                for name, array in arrays.items()
-            }
-            for item, arrays in states[-1].memory.items()
-            if arrays
-        }
+        memory = _layout(states[-1].memory)
         return cls(positions=[len(states), states[-1].x.shape[1]], memory=memory)
 
     def record(self) -> np.dtype:
@@ -191,13 +238,30 @@ class _Arrays(_Table):
         return np.dtype(fields)
 
 
+def _layout(memory: Mapping[str, Mapping[str, np.ndarray]]) -> dict[str, dict[str, _Array]]:
+    """What items remember of each of their elements."""
+    return {
+        item: {
+            name: _Array(type=array.dtype.str, shape=list(array.shape[1:]))
+            for name, array in arrays.items()
+        }
+        for item, arrays in memory.items()
+        if arrays
+    }
+
+
 class _Manifest(_Table, _Head):
     """What there is in a folder."""
 
     arrays: _Arrays
     rows: Annotated[list[Rows], Field(min_length=1)]  # of each rank's file
     hashes: list[Hash]
-    run: _Run | None  # not of a state after an increment
+    run: _Run | _Path  # of a state after an increment the path that led to it
+
+
+def _plain(value: np.generic | np.ndarray) -> Any:
+    """What numpy has, in Python's numbers and lists."""
+    return value.tolist()
 
 
 def _sealed(text: bytes) -> bytes:
@@ -276,7 +340,7 @@ class _Part:
     @property
     def run(self) -> _Run:
         """What it takes to go on; a DamagedError if it is but a state."""
-        if self.manifest.run is None:
+        if not isinstance(self.manifest.run, _Run):
             raise _senseless(self.folder)
         return self.manifest.run
 
@@ -302,14 +366,16 @@ class _Part:
 
     def states(
         self,
-        nodes: Nodes,
+        model: Model,
         controls: Sequence[float],
         state_at: Callable[[float, np.ndarray], State],
     ) -> list[State]:
         """States at some controls; InputError if they are of other nodes. Collective."""
-        comm, dim, count = self.comm, nodes.rest.shape[1], len(controls)
+        comm, nodes, count = self.comm, model.nodes, len(controls)
         n, arrays = nodes.num_nodes_global, self.manifest.arrays
-        if sum(self.manifest.rows) != n or arrays.positions != [count, dim]:
+        known = _layout(model.accepted(state_at(0.0, nodes.rest)))
+        fits = all(known.get(item) == of_item for item, of_item in arrays.memory.items())
+        if sum(self.manifest.rows) != n or arrays.positions != [count, model.dim] or not fits:
             raise InputError(f'"{self.folder}" is of another network; {ANEW}')
         share = (n * comm.rank // comm.size, n * (comm.rank + 1) // comm.size)
         records = on_all(comm, lambda: self._records(*share))
@@ -335,8 +401,9 @@ class _Part:
             values[: len(own)] = owned
             return nodes.halo.forward(values)
 
+        first = {item.name: item.nodes[:, 0] for item in model.items}
         memory = {
-            item: {name: local(found[f"{item}/{name}"]) for name in of_item}
+            item: {name: found[f"{item}/{name}"][first[item]] for name in of_item}
             for item, of_item in arrays.memory.items()
         }
         states = [
@@ -360,7 +427,7 @@ class Checkpoint:
     Attributes
     ----------
     case : Case
-    increments : list of Increment
+    steps : list of Increment or FormingStep
         Accepted before this run: those found in the files.
     notes : list of str
         What the user should know, in sentences.
@@ -369,11 +436,19 @@ class Checkpoint:
     def __init__(self, comm: MPI.Intracomm, directory: str | Path, case: Case):
         self.comm, self.directory, self.case = comm, Path(directory), case
         self.folder = self.directory / CHECKPOINT
-        self.increments: list[Increment] = []
+        self.steps: Sequence[Increment | FormingStep] = []
         self.notes: list[str] = []
+        self._data, self._determines = case.model_dump(), on_root(comm, lambda: determines(case))
         self._source: _Part | None = None  # what to go on from
+        self._run: _Run | None = None  # what it says
+        self._steps_back = False  # from an earlier increment than the last
         self._states: list[str] = []  # checksums of the states after each increment
         self._newest_is_good = False
+
+    @property
+    def increments(self) -> list[Increment]:
+        """Those of the steps."""
+        return bare(self.steps)
 
     @classmethod
     def begin(cls, comm: MPI.Intracomm, directory: str | Path, case: Case) -> Checkpoint:
@@ -408,14 +483,20 @@ class Checkpoint:
 
     @classmethod
     def resume(
-        cls, comm: MPI.Intracomm, directory: str | Path, case: Case | None = None
+        cls,
+        comm: MPI.Intracomm,
+        directory: str | Path,
+        case: Case | None = None,
+        from_step: int | None = None,
     ) -> Checkpoint:
         """Open the newest good checkpoint in a folder of results, on any number of ranks.
 
         A case that is given must be the one the checkpoint is of, but for its title, ``output``,
-        ``continuum``, ``solver`` and ``test.increments``. An InputError on every rank if there is
-        no checkpoint, if it is of another case or program, or if it is damaged and so is the one
-        before it.
+        ``continuum``, ``solver``, ``test.increments`` and ``step`` of stages. With ``from_step``
+        it goes on from an earlier increment, from 1; those after it are given up.
+
+        An InputError on every rank if there is no checkpoint, if it is of another case or program,
+        if it is damaged and so is the one before it, or if there is no such increment.
         """
         directory = Path(directory)
         problems: list[str] = []
@@ -423,7 +504,7 @@ class Checkpoint:
             try:
                 part = _Part.open(comm, folder)
                 checkpoint = cls(comm, directory, case or _case_of(part))
-                checkpoint._adopt(part)
+                checkpoint._adopt(part, from_step)
             except DamagedError as error:
                 problems.append(str(error))
                 continue
@@ -436,10 +517,10 @@ class Checkpoint:
             raise InputError(f"{problems[0]}{more}; {ANEW}")
         raise InputError(_nothing_there(directory))
 
-    def _adopt(self, part: _Part) -> None:
+    def _adopt(self, part: _Part, from_step: int | None) -> None:
         """Take over what a manifest says, if it is of this case."""
         run = part.run
-        differing = [cut(key) for key in _differences(run.determines, determines(self.case))]
+        differing = [cut(key) for key in _differences(run.determines, self._determines)]
         shown = ", ".join(differing[:3]) + (", ..." if len(differing) > 3 else "")
         if differing and shown.isprintable():
             raise InputError(
@@ -449,38 +530,61 @@ class Checkpoint:
             )
         if differing or not run.is_way_through(self.case):
             raise _senseless(part.folder)
-        self._source = part
-        self.increments, self._states = run.increments, list(run.states)
+        count = len(run.increments)
+        if from_step is not None and not 0 < from_step <= count:
+            raise InputError(
+                f'there is no step {from_step} to go on from in "{self.directory}", which has come '
+                f"to step {count}"
+            )
+        self._states = list(run.states)
+        if from_step is not None:
+            there = self._state(from_step - 1)
+            path = there.manifest.run
+            if not isinstance(path, _Path) or not run.up_to(from_step, path).is_way_through(
+                self.case
+            ):
+                raise InputError(f"{_senseless(there.folder)}; {ANEW}")
+            run, self._steps_back = run.up_to(from_step, path), True
+        self._source, self._run, self._states = part, run, list(run.states)
+        self.steps = run.increments
 
     def restore(
-        self, nodes: Nodes, state_at: Callable[[float, np.ndarray], State]
-    ) -> tuple[StagePath, list[State]] | None:
-        """Where to go on, and the states asked for that were reached; None without a past.
+        self, model: Model, state_at: Callable[[float, np.ndarray], State]
+    ) -> tuple[StagePath, Iterator[State]] | None:
+        """Where to go on, and the states after all increments, in order; None without a past.
 
         ``state_at`` makes a state of a control and positions (n_local, dim). An InputError on every
-        rank if a file is damaged, or is of another network.
+        rank if a file is damaged, or is of another network; also when the states are looked at.
         """
-        if self._source is None:
+        if self._source is None or self._run is None:
             return None
-        part, run = self._source, self._source.run
-        states = part.states(nodes, run.controls, state_at)
-        path = StagePath(states, **run.path.model_dump())
-        asked = []
-        for number, increment in enumerate(self.increments):
-            part = self._state(number)  # looked at in any case
-            if increment.asked:
-                asked += part.states(nodes, [increment.control], state_at)
-        return path, asked
+        run, model_modes = self._run, [(item.is_load, item.modes) for item in model.items]
+        loads = {mode for is_load, modes in model_modes if is_load for mode in modes}
+        needed = {mode for is_load, modes in model_modes if not is_load for mode in modes}
+        if any(not needed <= one.energies.keys() <= needed | loads for one in self.increments):
+            raise InputError(f"{_senseless(self._source.folder)}; {ANEW}")
+        controls = [increment.control for increment in self.increments]
+        former = (self.state(model, *step, state_at) for step in enumerate(controls))
+        path = StagePath([], **run.path.model_dump())
+        if self._steps_back:
+            path.append(state_at(0.0, model.nodes.rest))
+            for step in [*enumerate(controls)][-3:]:
+                state = self.state(model, *step, state_at)
+                path.append(replace(state, memory=model.accepted(state)))
+            self.write(model, path, self.steps, path.state)
+        else:
+            path.states = self._source.states(model, run.controls, state_at)
+        return path, former
 
     def state(
         self,
-        nodes: Nodes,
+        model: Model,
         number: int,
         control: float,
         state_at: Callable[[float, np.ndarray], State],
     ) -> State:
         """The state after an increment, by its number; errors as of `restore`. Collective."""
-        return self._state(number).states(nodes, [control], state_at)[0]
+        return self._state(number).states(model, [control], state_at)[0]
 
     def _state(self, number: int) -> _Part:
         try:
@@ -492,7 +596,11 @@ class Checkpoint:
         return part
 
     def write(
-        self, nodes: Nodes, path: StagePath, increments: list[Increment], state: State
+        self,
+        model: Model,
+        path: StagePath,
+        steps: Sequence[Increment | FormingStep],
+        state: State,
     ) -> None:
         """Keep what has been reached by all increments that were accepted.
 
@@ -500,30 +608,31 @@ class Checkpoint:
         An InputError on every rank if the place cannot be written to; the last good checkpoint is
         still there then.
         """
-        count = len(increments)
+        count, way = len(steps), {name: getattr(path, name) for name in _Path.model_fields}
         if count > len(self._states):
-            self._states.append(self._put(nodes, f"state-{count}", [state], None))
+            self._states.append(self._put(model, f"state-{count}", [state], way))
         run = {
-            "case": self.case.model_dump(),
-            "determines": determines(self.case),
-            "increments": [asdict(increment) for increment in increments],
+            "case": self._data,
+            "determines": self._determines,
+            "increments": [asdict(step) for step in steps],
             "controls": [state.time for state in path.states],
-            "path": {name: getattr(path, name) for name in _Path.model_fields},
+            "path": way,
             "states": self._states,
         }
-        self._put(nodes, NEWEST, path.states, run)
+        self._put(model, NEWEST, path.states, run)
         self._newest_is_good = True
 
-    def _put(self, nodes: Nodes, name: str, states: list[State], run: dict | None) -> str:
+    def _put(self, model: Model, name: str, states: list[State], run: dict[str, Any]) -> str:
         """Write a folder and give it its name; returns the checksum of its manifest."""
-        comm, own = self.comm, nodes.num_nodes_owned
+        comm, nodes, own = self.comm, model.nodes, model.nodes.num_nodes_owned
         arrays = _Arrays.of(states)
-        records = np.empty(own, arrays.record())
+        records = np.zeros(own, arrays.record())
         records["key"] = nodes.node_key[:own]
         records["positions"] = np.stack([state.x[:own] for state in states], axis=1)
-        for item, of_item in arrays.memory.items():
-            for label in of_item:
-                records[f"{item}/{label}"] = states[-1].memory[item][label][:own]
+        for item in model.items:
+            for label in arrays.memory.get(item.name, {}):
+                values = states[-1].memory[item.name][label]
+                records[f"{item.name}/{label}"][item.nodes[:, 0]] = values
         data = io.BytesIO()
         np.save(data, records, allow_pickle=False)
         new = self.folder / comm.bcast(f"new-{os.getpid()}")
@@ -547,8 +656,7 @@ class Checkpoint:
                 "program": __version__, "format": FORMAT, "arrays": arrays.model_dump(),
                 "rows": rows, "hashes": hashes, "run": run,
             }  # fmt: skip
-            plain = np.generic.tolist  # numpy's numbers as Python's
-            text = json.dumps(manifest, separators=(",", ":"), default=plain)
+            text = json.dumps(manifest, separators=(",", ":"), default=_plain)
             seal = _write_file(new / MANIFEST, _sealed(text.encode()))
             _sync(new)
             if name == NEWEST and self._newest_is_good:
@@ -593,11 +701,12 @@ def reopen(
     target: str | Path,
     overrides: Sequence[str] = (),
     output: str | None = None,
+    from_step: int | None = None,
 ) -> Checkpoint:
     """Open what ``cruciform-petsc resume TARGET`` is to go on with. Collective.
 
     It is the folder of the results, or the case file that tells it, with overrides and output as
-    for ``cruciform-petsc run``. Errors are those of `Checkpoint.resume`.
+    for ``cruciform-petsc run``. ``from_step`` and errors are those of `Checkpoint.resume`.
     """
     case, directory = None, Path(target)
     exists, is_folder = on_root(comm, lambda: (os.path.exists(target), os.path.isdir(target)))
@@ -610,8 +719,6 @@ def reopen(
                 "a test at small displacements is one system of equations and has no checkpoints, "
                 f"{ANEW} {target}"
             )
-        if case.stages:
-            raise InputError(f"a forming keeps no checkpoints, {ANEW} {target}")
         directory = prepare_directory(comm, case.output.directory if output is None else output)
     elif not on_root(comm, lambda: _found(directory)):
         raise InputError(_nothing_there(directory))
@@ -621,11 +728,12 @@ def reopen(
             f"case file: {typed_before()}cruciform-petsc resume CASE"
         )
     warning = on_root(comm, lambda: lock_directory(directory))
-    if case and not on_root(comm, lambda: _found(directory) or _is_finished(directory)):
+    begun = on_root(comm, lambda: bool(_found(directory)) or _is_finished(directory))
+    if case and not begun and from_step is None:
         checkpoint = Checkpoint.begin(comm, directory, case)
         checkpoint.notes.append(f'nothing was reached in "{directory}" yet, so it begins at rest')
     else:
-        checkpoint = Checkpoint.resume(comm, directory, case)
+        checkpoint = Checkpoint.resume(comm, directory, case, from_step)
     checkpoint.notes += [warning] if warning else []
     return checkpoint
 
@@ -650,28 +758,46 @@ def resume_command(directory: str | Path, ranks: int = 1) -> str:
 
 
 def determines(case: Case) -> dict[str, Any]:
-    """What the equilibria of a case depend on, as plain data: fabric, preform, test.
+    """What the equilibria of a case depend on, as plain data: fabric, preform, test, tools, stages.
 
-    Of the test all but the number of increments, which, like the solver's options, only says how to
-    get there.
+    Not the number of increments of a test and the steps of stages, which, like the solver's
+    options, only say how to get there. Of a file what is in it counts. InputError if that
+    cannot be read; not collective.
     """
     fabric = asdict(case.fabric())
-    for name in ("name", "source"):
+    for name in ("name", "source", "weave"):
         fabric.pop(name)
-    data = case.model_dump()
-    test = {name: value for name, value in data["test"].items() if name != "increments"}
-    return json.loads(json.dumps({"fabric": fabric, "preform": data["preform"], "test": test}))
+    data = case.model_dump() | {"fabric": fabric}
+    for name in ("title", "continuum", "solver", "output"):
+        data.pop(name)
+    data["test"].pop("increments", None)
+    for stage in data.get("stage", []):
+        stage.pop("step")
+    data["preform"]["outline"]["file"] = case.preform_table.outline.drawn
+    for tool in data.get("tool", []):
+        path = tool["shape"].get("file")
+        if path is not None:
+            told = explaining(f'tool "{tool["name"]}": "{path}" cannot be read')
+            with told, open_regular(Path(path), follow=True) as file:
+                tool["shape"]["file"] = hashlib.file_digest(file, "sha256").hexdigest()
+    return json.loads(json.dumps(data))
 
 
 def _differences(one: Any, other: Any, name: str = "") -> list[str]:
-    """Keys whose values differ, "test.extension"."""
+    """Keys whose values differ, "test.extension", "stage[1].travel"."""
+    if _are_tables(one) and _are_tables(other) and len(one) == len(other):
+        one, other = ({f"[{i}]": part for i, part in enumerate(parts)} for parts in (one, other))
     if not (isinstance(one, dict) and isinstance(other, dict)):
         return [] if one == other else [name]
     found = []
     for key in one | other:
-        below = f"{name}.{key}" if name else str(key)
+        below = f"{name}.{key}".removeprefix(".").replace(".[", "[")
         found += _differences(one.get(key), other.get(key), below)
     return found
+
+
+def _are_tables(parts: Any) -> bool:
+    return isinstance(parts, list) and all(isinstance(part, dict) for part in parts)
 
 
 def _case_of(part: _Part) -> Case:

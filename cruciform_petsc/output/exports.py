@@ -6,20 +6,29 @@ docs/exports.md tells what the numbers mean. Every rank writes its part; none ga
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+from ..forming.measures import yarn_directions
 from ..net.lattice import ARM_STEP
 from .abaqus import input_file
+from .calculix import bricks
 from .cells import thickening
 from .folder import prepare_directory
+from .mesh import Mesh, mesh_of
+from .openradioss import starter_file
 from .tables import in_order, lines, write_pieces
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from ..equilibrium.state import State as Placed
     from ..experiments.result import State, TestResult
+    from ..forming.kind import Forming
 
 # What stays as it is while the cloth deforms.
 HELD = ("fibre volume fraction", "thickness")
@@ -73,12 +82,102 @@ def export(
     # An empty field where the fabric's data do not give a value.
     text = lines(template, number, rows).replace(b"nan", b"")
     write_pieces(comm, table, [head.encode(), text])
-    pieces = input_file(result, index, hold, number, dict(zip(own, rows.T, strict=True)))
-    # Rank 0 writes the keyword lines before its own data lines.
-    write_pieces(
-        comm, deck, ((b"" if comm.rank else keyword.encode()) + data for keyword, data in pieces)
+    column, experiment, state = result.experiment.column, result.experiment, result.states[index]
+    mesh = mesh_of(
+        network,
+        experiment.kind,
+        f"{column.column} = {state.control / column.scale:.9g}",
+        hold,
+        network.crossover_position + state.fields["displacement"],
+        np.tile([0.0, 0.0, 1.0], (network.num_crossovers_owned, 1)),
+        state.fields["carrying"],
+        own["shear_deg"],
+        own["area_ratio"],
+        result.zones if experiment.has_zones else None,
     )
+    write_deck(comm, deck, input_file(mesh, experiment.has_zones))
     return paths
+
+
+def write_deck(comm: MPI.Intracomm, path: Path, pieces: Iterable[tuple[str, bytes]]) -> None:
+    """Write lines that are the same on every rank, and those of each, piece by piece. Collective.
+
+    Rank 0 writes the common lines before its own.
+    """
+    write_pieces(
+        comm, path, ((b"" if comm.rank else keyword.encode()) + data for keyword, data in pieces)
+    )
+
+
+def export_formed(
+    folder: str | Path, forming: Forming, state: Placed, hold: str = HELD[0]
+) -> list[Path]:
+    """Write a formed cloth for other programs. Collective.
+
+    ``cells.csv`` (yarn directions, shear, thickness, fibre volume fraction of each cell),
+    ``preform.inp`` (Abaqus, layered shells), ``preform_ccx.inp`` (CalculiX, two layers of bricks),
+    ``preform_0000.rad`` (OpenRadioss, shells and /DRAPE). ``hold``: see export.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        On every rank: another word for ``hold``, the place cannot be written to.
+    """
+    if hold not in HELD:
+        raise InputError(f'hold must be "{HELD[0]}" or "{HELD[1]}", got {hold!r}')
+    network, blank, comm = forming.network, forming.blank, forming.network.comm
+    directory, fields = Path(folder), blank.ply.fields(blank.of_cloth(state))
+    warp, weft = yarn_directions(blank, state)
+    across = np.nan_to_num(np.cross(warp, weft))
+    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
+    mesh = mesh_of(
+        network,
+        forming.kind,
+        f"stages done = {state.time:.9g}",
+        hold,
+        blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"],
+        across,
+        fields["carrying"],
+        np.rad2deg(fields["shear_angle"]),
+        stretched * np.cos(fields["shear_angle"]),
+    )
+    cells = _cell_columns(mesh)
+    head = ",".join(["cell", *cells]) + "\n" if comm.rank == 0 else ""
+    text = lines(",".join(["%d", *["%.10g"] * len(cells)]), mesh.element, *cells.values())
+    paths = [
+        directory / n for n in ("cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad")
+    ]
+    write_pieces(comm, paths[0], [head.encode(), text.replace(b"nan", b"")])
+    for path, pieces in zip(
+        paths[1:], (input_file(mesh), bricks(mesh), starter_file(mesh)), strict=True
+    ):
+        write_deck(comm, path, pieces)
+    return paths
+
+
+def _cell_columns(mesh: Mesh) -> dict[str, np.ndarray]:
+    """What is told of the elements, (m,), NaN where it is not known."""
+    cosine = (mesh.warp * mesh.weft).sum(axis=1)
+    thickness = np.nan if mesh.fabric.thickness is None else mesh.fabric.thickness
+    vectors = {"warp": mesh.warp, "weft": mesh.weft, "normal": mesh.across}
+    return {
+        **{f"{letter}_mm": mesh.centre[:, axis] for axis, letter in enumerate("xyz")},
+        **{
+            f"{name}_{letter}": vector[:, axis]
+            for name, vector in vectors.items()
+            for axis, letter in enumerate("xyz")
+        },
+        "shear_deg": np.rad2deg(np.arcsin(np.clip(cosine, -1.0, 1.0))),
+        "area_ratio": mesh.area_ratio,
+        "thickness_mm": 1e3 * thickness * thickening(mesh.area_ratio, mesh.hold),
+        "fibre_volume_fraction": mesh.fraction(mesh.area_ratio),
+    }
 
 
 def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str, np.ndarray]:

@@ -71,7 +71,7 @@ def scene(result: TestResult, path: str | Path, title: str = "") -> None:
     """
     network, text = result.network, pictures.plain_text(title)
     _, sample, clamps = _panel("", result)
-    pictures.save(network.comm, path, woven, sample, clamps, network.fabric.thickness, text)
+    pictures.save(network.comm, path, woven, sample, clamps, network.fabric, text)
 
 
 def figures(
@@ -103,6 +103,8 @@ def figures(
     if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
         drawn["stages.png"] = _stages(result, title)
     drawn |= _loads(result, membranes, title, measured)
+    if experiment.finite and np.isfinite(result.curve().get("shear_force_N_per_mm", np.nan)).any():
+        drawn["shear_force.png"] = _shear_force(result, title)
     if experiment.finite:
         drawn["energy.png"] = _energies(result, title)
     if experiment.has_zones:
@@ -197,6 +199,9 @@ def _loads(
     if test is not None and experiment.unit == "m":
         points["measured"] = test
     lines = {"network": pictures.from_origin(control / column.scale, curve["load_N"] / newton)}
+    if "load_net_N" in curve:
+        closed = pictures.from_origin(control / column.scale, curve["load_net_N"] / newton)
+        lines["closed form, yarns neither stretch nor bend"] = closed
     marks = None if curve["asked"].all() else (states, result.loads / newton)
     labels = column.axis, in_newton.axis
     name = f"load_against_{column.column.partition('_')[0]}.png"
@@ -206,6 +211,23 @@ def _loads(
         labels, points = (quantity("crosshead_mm").axis, in_newton.axis), {"measured": test}
         drawn["load_against_crosshead.png"] = partial(draw, lines, labels, points=points)
     return drawn
+
+
+def _shear_force(result: TestResult, title: str) -> partial[Figure]:
+    """The normalised shear force over the angles it may be drawn over, beside the law's."""
+    curve, experiment = result.curve(), result.experiment
+    force = quantity("shear_force_N_per_mm")
+    lines = {
+        label: pictures.from_origin(curve[column], curve[force.column])
+        for label, column in experiment.shear_angles.items()
+    }
+    ends = np.concatenate([x[np.isfinite(x) & np.isfinite(y)] for x, y in lines.values()])
+    end = float(ends[np.abs(ends).argmax()])
+    angle = np.deg2rad(np.linspace(0.0, np.clip(end, -85.0, 85.0), 200))
+    law = 1e-3 * result.network.fabric.shear.evaluate(angle)[1] / np.cos(angle)
+    guides = {"the fabric's law": (np.rad2deg(angle), law)}
+    labels = pictures.ANGLE_LABEL, force.axis
+    return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
 def _energies(result: TestResult, title: str) -> partial[Figure]:

@@ -33,11 +33,14 @@ PATIENCE = 10.0  # s, with a run that was killed in the same folder: it takes a 
 OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
-    "crossovers.csv", "preform.inp", "forces.csv", "fields.csv", "tools.vtkhdf",
-    "outline.csv", "outline.svg", "formed.png", "tool_forces.png", "draw_in.png",
+    "crossovers.csv", "cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad",
+    "forces.csv", "fields.csv", "tools.vtkhdf",
+    "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
+    "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
-    "shear_against_load.png", "with_and_without_bending.png", "tension_against_strain.png",
+    "shear_against_load.png", "shear_force.png",
+    "with_and_without_bending.png", "tension_against_strain.png",
     "load_against_deflection.png", "load_against_extension.png", "load_against_angle.png",
     "load_against_crosshead.png",
 )  # fmt: skip
@@ -45,7 +48,9 @@ OF_CALIBRATION = (
     "calibration.json", "calibration.csv", "calibration.png", "law.toml", "hold_out.csv",
 )  # fmt: skip
 OF_COMPARISON = ("comparison.json", "comparison.png")
-KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, CHECKPOINT, PUT_ASIDE)
+OF_SWEEP = ("sweep.csv", "sweep.png")
+LOG = "run.log"  # of each command that solves; the next one of its kind begins it anew
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, LOG, CHECKPOINT, PUT_ASIDE)
 
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,33 +14,39 @@ import numpy as np
 
 from ..equilibrium.state import State
 from ..errors import InputError
+from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.blank import Blank
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
     DrawIn,
     contact_fields,
-    outline,
     penetration,
     shear_figures,
     yarn_directions,
 )
-from ..parallel import on_root
+from ..forming.press import stage_number
+from ..forming.waves import Waves
 from ..tools.motion import Pose
+from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
-from .sample import MAP_LIMIT
-from .tables import in_order, lines, write_csv, write_pieces, written_whole
+from .sample import MAP_LIMIT, node_means
+from .tables import in_order, lines, write_csv, write_pieces
 
 if TYPE_CHECKING:
     from ..case.schema import Case
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
+FRAMES = 4  # of stages.png
+YARNS = 40  # of each family that are drawn
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+_OF_CONTACT = ("contact_pressure", "distance_to", "slip_on")
 
 
 class Record:
@@ -51,10 +58,12 @@ class Record:
     path : Path
         Of forces.csv.
     log : logging.Logger
+    earlier : int
+        Steps of a former run, which come first.
     """
 
-    def __init__(self, forming: Forming, path: Path, log: logging.Logger):
-        self.forming, self.path, self.log = forming, path, log
+    def __init__(self, forming: Forming, path: Path, log: logging.Logger, earlier: int = 0):
+        self.forming, self.path, self.log, self.earlier = forming, path, log, earlier
         self.draw_in = DrawIn(forming.blank)
         self.drawn: list[dict[str, float]] = []
         self.steps: list[FormingStep] = []
@@ -63,27 +72,40 @@ class Record:
         """Take note of a step. Collective."""
         self.steps.append(step)
         self.drawn.append(self.draw_in.largest(state))
+        if len(self.steps) >= self.earlier:
+            self._tell(step)
+            write_csv(self.forming.network.comm, self.path, self.table())
+
+    def _tell(self, step: FormingStep) -> None:
+        if len(self.steps) > self.earlier:
+            self.tell(step)
+            return
+        share = step.increment.control - stage_number(step.increment.control)
+        text = '           going on from %.4g %% of stage "%s", %d steps'
+        self.log.info(text, 100.0 * share, step.stage, len(self.steps))
+
+    def tell(self, step: FormingStep) -> None:
+        """A line on a step, of the network or of a membrane beside it."""
         last = step.increment
         stages = [stage.name for stage in self.forming.stages]
         share = last.control - stage_number(last.control)
         moving = [
-            f"{name} {abs(step.tool_force[name][2]):.4g} N"
+            f"{name} {abs(step.tool_force[name][2]):.4g} N, "
             for name in step.tool_force
             if name not in self.forming.below or len(step.tool_force) == 1
         ]
         mended = f", {last.shifted} of them mended" if last.shifted else ""
         self.log.info(
-            "%8.2f s    %-*s %5.1f %%, %s, shear %4.1f deg, %2d Newton iterations%s",
+            "%8.2f s    %-*s %5.1f %%, %sshear %4.1f deg, %2d Newton iterations%s",
             last.seconds,
             max(map(len, stages)),
             step.stage,
             100.0 * share,
-            ", ".join(moving),
+            "".join(moving),
             np.rad2deg(last.shear_max),
             last.iterations,
             mended,
         )
-        write_csv(self.forming.network.comm, self.path, self.table())
 
     def table(self) -> dict[str, list]:
         """Columns of forces.csv: a row for each accepted step."""
@@ -103,25 +125,33 @@ class Record:
                 ]
         for tool in self.forming.tools:
             for axis, letter in enumerate("xyz"):
+                columns[f"{tool.name}_moment_{letter}_N_m"] = [
+                    step.tool_moment[tool.name][axis] for step in steps
+                ]
+        for tool in self.forming.tools:
+            for axis, letter in enumerate("xyz"):
                 columns[f"{tool.name}_{letter}_mm"] = [
                     MM * step.tool_place[tool.name][axis] for step in steps
                 ]
         columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
         for mode in ENERGIES:
-            columns[f"energy_{mode}_J"] = [step.increment.energies[mode] for step in steps]
+            columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
         for mode in ("friction", "viscous"):
             columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
         columns["work_of_tools_J"] = [step.work for step in steps]
+        for name in steps[-1].load_work if steps else ():
+            key = f"work_of_{name.replace(' ', '_')}_J"
+            columns[key] = [step.load_work[name] for step in steps]
+        for clamp in self.forming.clamps:
+            for axis, letter in enumerate("xyz"):
+                columns[f"clamp_{clamp.edge}_force_{letter}_N"] = [
+                    step.clamp_force[clamp.edge][axis] for step in steps
+                ]
         for edge in self.draw_in.edges:
             columns[f"draw_in_{edge}_mm"] = [MM * drawn[edge] for drawn in self.drawn]
         columns["newton_iterations"] = [step.increment.iterations for step in steps]
         columns["seconds"] = [step.increment.seconds for step in steps]
         return columns
-
-
-def stage_number(time: float) -> int:
-    """Number of the stage, from 0, that a time lies in; its end belongs to it."""
-    return max(int(np.ceil(time - 1e-9)) - 1, 0)
 
 
 def summarize(
@@ -161,14 +191,15 @@ def summarize(
     last, state = formed.steps[-1], formed.states[-1]
     fields = blank.ply.fields(blank.of_cloth(state))
     deepest = penetration(blank, state)
-    warnings = []
+    shear = shear_figures(blank, fields)
+    warnings = beyond_laws(blank.network, np.deg2rad(shear["shear_max_deg"]), fields["arm_strain"])
     if deepest > MUCH * forming.thickness:
         warnings.append(
             f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
             f"which is {format_si(forming.thickness, 'm')} thick: a larger "
             "test.contact.stiffness, or a finer net, brings it nearer to them"
         )
-    energy = {**{mode: last.increment.energies[mode] for mode in ENERGIES}, **last.spent}
+    energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
     if share > VISCOUS:
         warnings.append(
@@ -179,28 +210,64 @@ def summarize(
         "warnings": warnings,
         "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
         "tool_place_mm": {name: (MM * p).tolist() for name, p in last.tool_place.items()},
-        **shear_figures(blank, fields),
+        "tool_moment_n_m": {name: m.tolist() for name, m in last.tool_moment.items()},
+        **shear,
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
         "penetration_max_mm": MM * deepest,
+        **_waves(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
+        "work_of_loads_j": dict(last.load_work),
     }
+    if forming.test.symmetry:
+        summary["symmetry"] = {
+            "planes": list(forming.test.symmetry),
+            "forces_and_energies_are_of": "the part that is modelled",
+        }
+    if forming.clamps:
+        slipped, rubbed = blank.slipped(state)
+        summary["clamps"] = {
+            edge: {
+                "force_n": last.clamp_force[edge].tolist(),
+                "slipped_max_mm": MM * slipped[edge],
+                "dissipated_j": rubbed[edge],
+            }
+            for edge in slipped
+        }
     return summary
 
 
 def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Path) -> None:
     """The result in a few lines."""
     log.info("")
-    for name, (x, y, z) in summary["tool_force_n"].items():
+    of_clamps = {f"clamp {e}": c["force_n"] for e, c in summary.get("clamps", {}).items()}
+    for name, (x, y, z) in (summary["tool_force_n"] | of_clamps).items():
         log.info("%-13s force on the cloth %.4g, %.4g, %.4g N", name, x + 0.0, y + 0.0, z + 0.0)
+    if "symmetry" in summary:
+        log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
     log.info("draw-in       %s", drawn)
+    told = "%s%.3g mm high at most, %.3g %% of the cloth"
+    wrinkles, bridging = summary["wrinkles"], summary["bridging"]
+    for what, size, of in (
+        ("wrinkles      ", wrinkles["largest_height_mm"], wrinkles["area_share"]),
+        ("bridging      ", bridging["largest_gap_mm"], bridging["area_share"]),
+    ):
+        log.info(told, what, size, 100.0 * of)
     log.info("compaction    %.3g mm at most, on each side", summary["penetration_max_mm"])
     energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
     texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
+    continuum = summary.get("continuum", {})
+    if "force_ratio" in continuum:
+        ratios = {n: ratio for n, ratio in continuum["force_ratio"].items() if np.isfinite(ratio)}
+        forces = ", ".join(f"{name} {ratio:.4f}" for name, ratio in ratios.items())
+        log.info("membrane      forces along z, network / membrane: %s", forces)
+        text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
+        text += ", after {time:.4g} stages"
+        log.info("%s", text.format_map(continuum))
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 
@@ -211,7 +278,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
 def write_fields(path: Path, forming: Forming, state: State) -> None:
     """Write fields.csv: a row for each crossover, in one order on any number of ranks. Collective.
 
-    ``thickness_mm`` is that of cloth whose fibre volume fraction stays as it is.
+    docs/files.md tells what the columns are.
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
@@ -221,19 +288,31 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
     now = blank.ply.nodes.rest[hinge] + fields["displacement"]
     stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
     area = stretched * np.cos(fields["shear_angle"])
+    mass, fraction = (
+        np.nan if value is None else value
+        for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
+    )
+    waves = Waves.of(blank, state, touch["pressure"])
     columns = {
         "x_rest_mm": MM * network.crossover_position[:, 0],
         "y_rest_mm": MM * network.crossover_position[:, 1],
         **{f"{letter}_mm": MM * now[:, axis] for axis, letter in enumerate("xyz")},
         **{f"warp_{letter}": warp[:, axis] for axis, letter in enumerate("xyz")},
         **{f"weft_{letter}": weft[:, axis] for axis, letter in enumerate("xyz")},
+        **{f"normal_{letter}": waves.normal[:, axis] for axis, letter in enumerate("xyz")},
         "shear_deg": np.rad2deg(fields["shear_angle"]),
         "warp_strain_percent": 100.0 * fields["warp_strain"],
         "weft_strain_percent": 100.0 * fields["weft_strain"],
         "warp_tension_N_per_mm": fields["warp_tension"] / MM,
         "weft_tension_N_per_mm": fields["weft_tension"] / MM,
+        "warp_curvature_per_m": waves.curvature[:, 0],
+        "weft_curvature_per_m": waves.curvature[:, 1],
+        "wrinkle_height_mm": MM * waves.height,
+        "bridging_mm": MM * waves.bridging,
         "area_ratio": area,
+        "areal_density_g_per_m2": 1e3 * mass / area,
         "thickness_mm": MM * forming.thickness / area,
+        "fibre_volume_fraction_at_constant_thickness": fraction / area,
         "contact_pressure_kPa": KPA * touch.pop("pressure"),
         **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
         "carrying": fields["carrying"],
@@ -250,36 +329,10 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
     write_pieces(network.comm, path, [head.encode(), text])
 
 
-def write_outline(directory: Path, forming: Forming, state: State) -> None:
-    """Write outline.csv and outline.svg: the flat blank's yarn ends, and where they are now.
-
-    Collective. The drawing is in mm, to be cut: the flat blank's outline, and dashed what has
-    become of it in plan.
-    """
-    comm, table = forming.network.comm, outline(forming.blank, state)
-    names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
-    columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
-    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
-    polygon = forming.network.preform.outline
-    rings = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
-
-    def write() -> None:
-        low, size = rings[0].min(axis=0) - 5.0, np.ptp(rings[0], axis=0) + 10.0
-        now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(rings))]
-        lines = [
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{size[0]:.6g}mm" '
-            f'height="{size[1]:.6g}mm" viewBox="{low[0]:.6g} {-low[1] - size[1]:.6g} '
-            f'{size[0]:.6g} {size[1]:.6g}" fill="none" stroke="black" stroke-width="0.3">'
-        ]
-        for points, style in [(p, "") for p in rings] + [
-            (p, ' stroke-dasharray="2 1"') for p in now
-        ]:
-            text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in points)
-            lines.append(f'<polygon points="{text}"{style}/>')
-        with written_whole(directory / "outline.svg") as temporary:
-            temporary.write_text("\n".join([*lines, "</svg>", ""]))
-
-    on_root(comm, write)
+def _waves(blank: Blank, state: State) -> Waves:
+    """Wrinkles and bridges of a state. Collective."""
+    pressure = contact_fields(blank, state)["pressure"]
+    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
 def write_series(
@@ -288,19 +341,25 @@ def write_series(
     """Write series.vtkhdf, the cloth, and tools.vtkhdf over the same times. Collective.
 
     Time is the number of stages that are done, and the share of the one that runs; it begins with
-    the flat blank. Cells of the cloth are its arms, as in `paraview.write_state`; besides, point
-    data: ``contact_pressure_kPa`` and ``distance_to_TOOL_mm``; cell data: ``yarn_direction``.
+    the flat blank. All points of a tool that has been removed are one. Cells of the cloth are its
+    arms, as in `paraview.write_state`; besides, point data: ``contact_pressure_kPa``,
+    ``distance_to_TOOL_mm``, ``slip_on_TOOL_mm``, and at crossovers, between them means of two,
+    ``wrinkle_height_mm`` and ``bridging_mm``; cell data: ``yarn_direction`` and
+    ``curvature_per_m``.
     """
     comm = forming.network.comm
     states = [forming.blank.start(), *formed.states]
+    first = _cloth(forming, states[0])
     times = np.array([state.time for state in states])
     notes = {**notes, "time_is": "stages done"}
-    cloth = (_cloth(forming, state) for state in states)
-    touching = ["pressure", *(f"distance to {tool.name}" for tool in forming.tools)]
-    changing = {_point(name) for name in touching} | {"CellData/yarn_direction"}
+    cloth = chain([first], (_cloth(forming, state) for state in states[1:]))
+    own = (*_OF_CONTACT, "wrinkle_height", "bridging", "yarn_direction", "curvature")
+    changing = {name for name in first if name.split("/")[-1].startswith(own)}
     paraview.write_by_rank(
         comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
     )
+    if not forming.tools:
+        return
     facets = [tool.surface.facets() for tool in forming.tools]
     tools = (_tools(forming, facets, state) for state in states)
     paraview.write_by_rank(comm, directory / "tools.vtkhdf", tools, notes, times, {"Points"})
@@ -317,7 +376,7 @@ def draw_all(
     One in space that cannot be drawn here is left out, with a word in the log.
     """
     comm, title = forming.network.comm, pictures.plain_text(summary["title"])
-    table, state = record.table(), formed.states[-1]
+    table = record.table()
     time = np.append(0.0, [step.increment.control for step in record.steps])
 
     def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
@@ -330,8 +389,7 @@ def draw_all(
     def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
         return {label: (time, values) for label, values in over_time(columns).items()}
 
-    facets = [tool.surface.facets() for tool in forming.tools]
-    tools = tool_facets(forming, facets, state)[:2]
+    frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
     energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
@@ -340,7 +398,9 @@ def draw_all(
     energies |= over_time(spent, 1e3)
     axis = "stages done"
     drawn = {
-        "formed.png": partial(scene.formed, _surface(forming, state), tools, title),
+        "formed.png": partial(scene.formed, frames[-1:], title),
+        **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
+        **_wrinkles(forming, formed.states[-1], title, summary),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
         ),
@@ -349,6 +409,10 @@ def draw_all(
         ),
         "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
     }
+    if not forming.tools:
+        del drawn["tool_forces.png"]
+    if not record.draw_in.edges:
+        del drawn["draw_in.png"]
     written = []
     for name, draw in drawn.items():
         try:
@@ -360,34 +424,60 @@ def draw_all(
     return written
 
 
-def _surface(forming: Forming, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The cloth through its crossovers, or every k-th of them, on rank 0. Collective.
+def _wrinkles(
+    forming: Forming, state: State, title: str, summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The picture of wrinkles' heights, where there are any. Collective."""
+    if not summary["wrinkles"]["area_share"]:
+        return {}
+    frame = _frame(forming, state, MM * _waves(forming.blank, state).height)
+    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
 
-    Points (n, 3), m, triangles (m, 3), and shear angles (n,), degrees; nothing on other ranks.
+
+def _of_the_way(states: Sequence[State]) -> list[State]:
+    """Up to FRAMES of the states, evenly, and the last."""
+    taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
+    return [states[round(k)] for k in taken]
+
+
+def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> scene.Frame:
+    """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
+
+    ``values`` at this rank's crossovers, (n_owned,); by default the shear angle in degrees.
+    Collective; nothing is in it on other ranks.
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
     every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
     taken = (network.crossover_ij % every == 0).all(axis=1)
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
-    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, shear])[taken])
-    if gathered is None:
-        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros(0)
-    rows = np.concatenate(gathered)
+    if values is None:
+        values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, values])[taken])
+    facets = [tool.surface.facets() for tool in forming.tools]
+    tools: dict[bool, list[Facets]] = {True: [], False: []}
+    for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
+        if state.factors.get(tool.name, 1.0) > 0.0:
+            tools[tool.name in forming.below].append(surface)
+    number = stage_number(state.time)
+    caption = f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
+    rows = np.concatenate(gathered or [np.zeros((0, 6))])
     i, j = (rows[:, :2] // every).astype(np.int64).T
-    i, j = i - i.min(), j - j.min()
-    number = np.full((i.max() + 2, j.max() + 2), -1)
-    number[i, j] = np.arange(len(rows))
-    a, b, c, d = number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]
+    i, j = i - i.min(initial=0), j - j.min(initial=0)
+    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
+    grid[i, j] = np.arange(len(rows))
+    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
     triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
-    return rows[:, 2:5], triangles[(triangles >= 0).all(axis=1)], rows[:, 5]
-
-
-def _point(name: str) -> str:
-    """Name in the file of a field of contact."""
-    name = "contact_pressure_kPa" if name == "pressure" else f"{name.replace(' ', '_')}_mm"
-    return f"PointData/{name}"
+    lines = max(1, round(max(grid.shape) / YARNS))
+    pieces = [
+        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
+    ]
+    yarns = np.concatenate(pieces)
+    whole = (triangles >= 0).all(axis=1), (yarns >= 0).all(axis=1)
+    return scene.Frame(
+        rows[:, 2:5], abs(rows[:, 5]), triangles[whole[0]], yarns[whole[1]],
+        _joined(tools[True]), _joined(tools[False]), caption,
+    )  # fmt: skip
 
 
 def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
@@ -399,19 +489,27 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     arrays["Points"][:, 2] += 0.5 * forming.thickness  # where the blank lies
     node = np.flatnonzero(~network.node_is_hinge)
     at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
-    for name, values in contact_fields(blank, state).items():
-        scale = KPA if name == "pressure" else MM
-        arrays[_point(name)] = (scale * values[at]).astype("f4")
+    touch = contact_fields(blank, state)
+    waves = Waves.of(blank, state, touch["pressure"][ply.nodes.of_hinge])
+    points = {f"{name.replace(' ', '_')}_mm": MM * values[at] for name, values in touch.items()}
+    points["contact_pressure_kPa"] = KPA / MM * points.pop("pressure_mm")
+    for name, values in {"wrinkle_height": waves.height, "bridging": waves.bridging}.items():
+        both = np.concatenate([values, node_means(network, values)[node]])
+        points[f"{name}_mm"] = MM * both
+    arrays |= {f"PointData/{name}": values.astype("f4") for name, values in points.items()}
     crossover, arm = np.nonzero(network.arm_length > 0)
     along = np.stack(yarn_directions(blank, state))[arm % 2, crossover]
     arrays["CellData/yarn_direction"] = along.astype("f4")
+    arrays["CellData/curvature_per_m"] = waves.curvature[crossover, arm % 2].astype("f4")
     return arrays
 
 
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
     mine = forming.network.comm.rank == 0
-    points, triangles, number = tool_facets(forming, facets, state)
+    every = _tool_facets(forming, state, facets)
+    points, triangles = _joined(every)
+    number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:
         points, triangles, number = points[:0], triangles[:0], number[:0]
     parts = int(mine)
@@ -427,20 +525,28 @@ def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray
     }
 
 
-def tool_facets(
-    forming: Forming, facets: list, state: State
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All tools' triangles as they stand: points (n, 3) m, corners (m, 3), whose they are (m,)."""
-    points: list[np.ndarray] = []
-    triangles: list[np.ndarray] = []
-    numbers: list[np.ndarray] = []
-    count = 0
-    for number, (tool, node, (corners, cells)) in enumerate(
-        zip(forming.tools, forming.blank.tool_node, facets, strict=True)
+def _tool_facets(forming: Forming, state: State, facets: Sequence[Facets]) -> list[Facets]:
+    """Triangles of each tool as it stands; of one that has been removed, all in one point."""
+    every = []
+    for tool, node, (corners, triangles) in zip(
+        forming.tools, forming.blank.tool_node, facets, strict=True
     ):
-        pose = Pose(state.x[node], state.hold.rotations[tool.name])
-        points.append(pose.to_lab(corners))
-        triangles.append(cells.astype(np.int64) + count)
-        numbers.append(np.full(len(cells), number))
-        count += len(corners)
-    return np.concatenate(points), np.concatenate(triangles), np.concatenate(numbers)
+        points = Pose(state.x[node], state.hold.rotations[tool.name]).to_lab(corners)
+        if state.factors.get(tool.name, 1.0) == 0.0:
+            points[:] = points.mean(axis=0)
+        every.append((points, triangles))
+    return every
+
+
+def _joined(every: Sequence[Facets]) -> Facets:
+    """Triangles of several tools as one."""
+    first = np.cumsum([0, *(len(points) for points, _ in every)])
+    return (
+        np.concatenate([np.zeros((0, 3)), *(points for points, _ in every)]),
+        np.concatenate(
+            [
+                np.zeros((0, 3), np.int64),
+                *(cells + n for (_, cells), n in zip(every, first, strict=False)),
+            ]
+        ),
+    )

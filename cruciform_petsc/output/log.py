@@ -9,16 +9,19 @@ import platform
 import resource
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import __version__
+from .. import __version__, process
+from ..errors import CruciformError
+from ..parallel import on_root
 from ..quantities import angle_text, force_text, quantity, tension_text
 from ..solvers.options import blas_in_use
 from ..units import format_si
+from .folder import LOG, claim, explaining
 from .provenance import versions
 
 if TYPE_CHECKING:
@@ -48,6 +51,41 @@ class Stages:
     def wall_times(self) -> dict[str, float]:
         """Seconds of each stage, and since the beginning."""
         return {**self.seconds, "total": time.perf_counter() - self._begin}
+
+
+@contextmanager
+def kept(
+    comm: MPI.Intracomm, directory: Path, log: logging.Logger, more: bool = False
+) -> Iterator[None]:
+    """Have the log written to a file of a locked folder, too, while the block runs. Collective.
+
+    With the time of each line, and what ended the block early; ``more``: behind what is there. A
+    line that cannot be written is lost. InputError on every rank if the file cannot be made.
+    """
+    path, made = directory / LOG, list[logging.Handler]()
+
+    @explaining(f'"{path}" cannot be written')
+    def make() -> None:
+        claim(path)
+        handler = logging.FileHandler(path, "a" if more else "w", "utf-8", errors="replace")
+        handler.setFormatter(process.LogLines("%(asctime)s  %(message)s", "%Y-%m-%d %H:%M:%S"))
+        handler.handleError = lambda record: None  # type: ignore[method-assign]
+        log.addHandler(handler)
+        made.append(handler)
+
+    on_root(comm, make)
+    try:
+        yield
+    except BaseException as error:
+        words = str(error) if isinstance(error, CruciformError) else type(error).__name__
+        for handler in made:  # those who look at the log are told elsewhere
+            handler.handle(logging.LogRecord(log.name, logging.ERROR, "", 0, words, None, None))
+        raise
+    finally:
+        for handler in made:
+            log.removeHandler(handler)
+            with suppress(OSError):  # the disk is full
+                handler.close()
 
 
 def peak_mib(comm: MPI.Intracomm) -> list[float]:
@@ -143,6 +181,8 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
 
 def _comparisons(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Names and figures of what the last state is compared with."""
+    if "closed_form" in summary:
+        yield "closed form", summary["closed_form"]["sentence"]
     measured = summary.get("measured", {})
     if "rms_relative" in measured:
         rms, end = 100 * measured["rms_relative"], 100 * measured["end_relative"]

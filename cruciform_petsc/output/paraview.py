@@ -2,8 +2,8 @@
 """The deformed yarns as a VTKHDF file, for ParaView 5.12 and later.
 
 Every rank writes its own crossovers as one partition of an unstructured grid; no rank gathers.
-A series of states is one file with a time axis, of which ParaView makes an animation. Values
-are in SI units except for angles, which are in degrees, as their names say. Errors are those of
+A series of states is one file with a time axis, of which ParaView makes an animation. Units
+stand in the names (docs/files.md). Errors are those of
 tables.py.
 """
 
@@ -35,10 +35,9 @@ VTK_LINE = 3
 ENERGIES = ("tension_energy", "shear_energy", "bending_energy")
 IN_SPACE = "out_of_plane_bending_energy"
 # What the deformation changes.
-CHANGING = {"Points", "PointData/displacement", "PointData/shear_angle_deg"}
-CHANGING |= {
-    f"CellData/{name}" for name in ("strain", "tension", "shear_angle_deg", *ENERGIES, IN_SPACE)
-}
+CHANGING = {"Points", "PointData/displacement_m", "PointData/shear_angle_deg"}
+CHANGING |= {f"CellData/{name}_J" for name in (*ENERGIES, IN_SPACE)}
+CHANGING |= {f"CellData/{name}" for name in ("strain", "tension_N_per_m", "shear_angle_deg")}
 Notes = Mapping[str, Any]
 Arrays = Mapping[str, np.ndarray]
 
@@ -67,14 +66,14 @@ def write_state(
     A cell is an arm, from its crossover to its end. The points of a partition are the crossovers of
     a rank, then the arm ends it knows; an end between crossovers of two ranks is in both.
 
-    Point data: ``displacement`` (m), ``shear_angle_deg`` (at arm ends the mean of their
+    Point data: ``displacement_m``, ``shear_angle_deg`` (at arm ends the mean of their
     crossovers), ``crossover`` and ``node`` (global numbers, -1 where it is not one).
 
-    Cell data: ``yarn_family`` (0 warp, 1 weft), ``strain`` of the arm, ``tension`` of its yarn
-    family at the crossover (N/m), ``shear_angle_deg``, ``tension_energy``, ``shear_energy``,
-    ``bending_energy``, in space ``out_of_plane_bending_energy`` (J; the crossover's, shared out by
-    arm length, so that sums over cells are the network's), ``crossover``, ``carrying`` (0: hangs on
-    by one arm) and ``rank``.
+    Cell data: ``yarn_family`` (0 warp, 1 weft), ``strain`` of the arm, ``tension_N_per_m`` of
+    its yarn family at the crossover, ``shear_angle_deg``, ``tension_energy_J``,
+    ``shear_energy_J``, ``bending_energy_J``, in space ``out_of_plane_bending_energy_J`` (the
+    crossover's, shared out by arm length, so that sums over cells are the network's),
+    ``crossover``, ``carrying`` (0: hangs on by one arm) and ``rank``.
 
     Parameters
     ----------
@@ -147,16 +146,16 @@ def arrays(network: Network, state: State) -> dict[str, np.ndarray]:
         "Connectivity": ends.ravel(),
         "Offsets": 2 * np.arange(len(ends) + parts),
         "Types": np.full(len(ends), VTK_LINE, np.uint8),
-        "PointData/displacement": moved,
+        "PointData/displacement_m": moved,
         "PointData/shear_angle_deg": np.concatenate([shear, shear_at_ends]).astype("f4"),
         "PointData/crossover": np.concatenate([number, none]),
         "PointData/node": np.concatenate([np.full(n, -1), network.node_number_global[node]]),
         "CellData/yarn_family": family.astype(np.uint8),
         "CellData/strain": fields["arm_strain"][crossover, arm].astype("f4"),
-        "CellData/tension": tension[crossover, family].astype("f4"),
+        "CellData/tension_N_per_m": tension[crossover, family].astype("f4"),
         "CellData/shear_angle_deg": shear[crossover].astype("f4"),
         **{
-            f"CellData/{name}": (share * fields[name][crossover]).astype("f4")
+            f"CellData/{name}_J": (share * fields[name][crossover]).astype("f4")
             for name in (*ENERGIES, IN_SPACE)
             if name in fields
         },

@@ -46,8 +46,10 @@ STYLE: dict[str, Any] = {
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
+MOST_LABELS = 12  # of curves in a legend
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
+SIZE_LABEL = "shear angle, absolute (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
 FLAT = 3.0  # width over height of specimens that are drawn one below the other
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
@@ -341,6 +343,50 @@ def overlaid(panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, boo
     return figure
 
 
+def swept(
+    key: str,
+    labels: tuple[str, str],
+    lines: Sequence[tuple[float | str, str, Values, Values]],
+    ends: Sequence[tuple[str, Mapping[str, tuple[list, list]]]],
+) -> Figure:
+    """Draw a sweep: curves in the colours of the varied key's values, and results over that key.
+
+    Each curve has its value (a number, or words), what else was varied ("" without), x and y, with
+    ``labels`` of the axes; each of the ``ends`` its label and, by what else was varied, values of
+    the key and results. Words are taken literally.
+    """
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    panels = [labels] * bool(lines) + [(key, label) for label, _ in ends]
+    figure, every = _curve_axes(panels, "", (4.4 * len(panels) + 0.6, 3.7))
+    numbers = [value for value, _, _, _ in lines if isinstance(value, float)]
+    others = list(dict.fromkeys(other for _, other, _, _ in lines))
+    if lines and len(numbers) == len(lines):
+        shades = ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.9, 256)))
+        scale = ScalarMappable(Normalize(min(numbers), max(numbers)), shades)
+        for number, (_, other, x, y) in zip(numbers, lines, strict=True):
+            dashes = DASHES[others.index(other) % len(DASHES)]
+            every[0].plot(x, y, color=scale.to_rgba(np.array(number)), linestyle=dashes)
+        figure.colorbar(scale, ax=every[0], label=key, aspect=30)
+    elif lines:
+        for i, (value, other, x, y) in enumerate(lines):
+            label = plain_text(", ".join(filter(None, (str(value), other)))).lstrip("_")
+            style = _line_style(i, MANY_POINTS + 1)
+            every[0].plot(x, y, label=label if i < MOST_LABELS else None, **style)
+        every[0].legend()
+    for axes, (_, series) in zip(every[bool(lines) :], ends, strict=True):
+        for i, (other, (x, y)) in enumerate(series.items()):
+            label = plain_text(other).lstrip("_")
+            axes.plot(x, y, label=label if i < MOST_LABELS else None, **_line_style(i, 0))
+        if len(series) > 1:
+            axes.legend()
+        axes.margins(y=0.1)
+        axes.set_ylim(min(0.0, axes.get_ylim()[0]), max(0.0, axes.get_ylim()[1]))
+    return figure
+
+
 def stacked(
     x: np.ndarray, parts: Mapping[str, np.ndarray], labels: tuple[str, str], title: str = ""
 ) -> Figure:
@@ -411,8 +457,8 @@ def _line_style(i: int, points: int) -> dict[str, Any]:
 
 
 def _point_style(i: int) -> dict[str, Any]:
-    style = {"color": COLOURS[i], "clip_on": False, "zorder": 4, "linestyle": ""}
-    return style | {"marker": MARKERS[i], "markersize": 5.5, "fillstyle": "none"}
+    style = {"color": COLOURS[i % len(COLOURS)], "clip_on": False, "zorder": 4, "linestyle": ""}
+    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": 5.5, "fillstyle": "none"}
 
 
 def _include_zero(axes: Axes) -> None:

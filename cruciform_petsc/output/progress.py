@@ -98,7 +98,8 @@ class Progress:
 
     def _write(self) -> None:
         """Write the curve as far as it is known."""
-        write_csv(self.experiment.network.comm, self.path, curve_of(self.increments))
+        curve = curve_of(self.increments, self.experiment)
+        write_csv(self.experiment.network.comm, self.path, curve)
 
 
 class Route:
@@ -164,7 +165,13 @@ def progress_bar(
     other than 0). Lines of the log to stdout go above the bar.
     """
     stdout = sys.stdout
-    if not (log.isEnabledFor(logging.INFO) and log.handlers and is_terminal(stdout)):
+    mine: list[Any] = [
+        handler
+        for handler in log.handlers
+        if isinstance(handler, logging.StreamHandler) and handler.stream is stdout
+    ]
+    shown = log.isEnabledFor(logging.INFO) and any(h.level <= logging.INFO for h in mine)
+    if not (shown and is_terminal(stdout)):
         yield None
         return
     from rich import progress
@@ -192,11 +199,6 @@ def progress_bar(
             left = f"{duration(seconds)} left"
         bar.update(task, completed=done, description=text, left=left)
 
-    mine: list[Any] = [
-        handler
-        for handler in log.handlers
-        if isinstance(handler, logging.StreamHandler) and handler.stream is stdout
-    ]
     try:
         bar.start()  # sys.stdout writes above the bar now
         console.show_cursor(True)  # a rank that is killed cannot put it back

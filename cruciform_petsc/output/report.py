@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 MAPS = {  # {at}: the last value asked for
     "scene.png": "The yarns in space {at}, coloured by shear angle; "
     "yarn cross-sections are illustrative.",
-    "formed.png": "The formed blank {at}, coloured by shear angle, with the tools.",
+    "formed.png": "The formed blank {at}, coloured by the size of the shear angle, on its tools; "
+    "those from above are cut open in front.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
@@ -48,6 +49,7 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
@@ -55,7 +57,10 @@ CAPTIONS = MAPS | {  # and Experiment.captions
     "shear_against_load.png": "Shear angle against the load.",
     "ladder.png": "Difference to the membrane as the network is refined.",
 }
-FORMING_CAPTIONS = {"energy.png": "Energy: stored in cloth and contact; dissipated by friction."}
+FORMING_CAPTIONS = {
+    "stages.png": "On the way there, in true scale and with one colour scale.",
+    "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
+}
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
@@ -112,7 +117,7 @@ def write_report(
         return {
             "key_figures": _key_figures(experiment, summary),
             "note": f"{_sentence(at)} Largest yarn tension: "
-            f"{tension_text(summary['yarn_tension_max'])}.",
+            f"{tension_text(summary['yarn_tension_max'])}.{_closed_form(summary)}",
             "maps": gallery(maps, captions, at, experiment.colour),
             "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
@@ -136,7 +141,7 @@ def write_forming_report(
     """Write report.html of a forming; ``steps`` are the columns of forces.csv. Collective."""
     maps = [directory / name for name in pictures if name in MAPS]
     curves = [directory / name for name in pictures if name not in MAPS]
-    asked = np.flatnonzero(steps["asked"])
+    asked = np.flatnonzero([*steps["asked"][:-1], True])  # the last one in any case
     at = f'at {steps["share_percent"][-1]:.4g} % of stage "{steps["stage"][-1]}"'
 
     def sections() -> dict[str, Any]:
@@ -154,12 +159,12 @@ def write_forming_report(
         return {
             "key_figures": _forming_figures(summary),
             "note": _sentence(at),
-            "maps": gallery(maps, CAPTIONS, at),
+            "maps": gallery(maps, CAPTIONS | FORMING_CAPTIONS, at),
             "striped": False,
             "curves": gallery(curves, CAPTIONS | FORMING_CAPTIONS),
             "results": Table(list(results), [rows[i] for i in asked]),
             "measured_table": None,
-            "continuum": None,
+            "continuum": _formed_continuum(summary),
             "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
         }
 
@@ -236,6 +241,11 @@ def _key_figures(
     yield "strain energy", energy, shown
 
 
+def _closed_form(summary: Mapping[str, Any]) -> str:
+    """The sentence about it, behind another one."""
+    return f" {_sentence(summary['closed_form']['sentence'])}" if "closed_form" in summary else ""
+
+
 def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
     """The same of a forming."""
     for name, (_, _, force) in summary["tool_force_n"].items():
@@ -247,6 +257,8 @@ def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, s
         yield name, summary[key], angle_text(summary[key], "°")
     drawn = 1e-3 * max(summary["draw_in_mm"].values())
     yield "largest draw-in", drawn, si_text(drawn, "m")
+    height = 1e-3 * summary["wrinkles"]["largest_height_mm"]
+    yield "largest height of wrinkles", height, si_text(height, "m")
 
 
 def last_control(curve: Mapping[str, np.ndarray]) -> str:
@@ -352,6 +364,46 @@ def _continuum(
     }
 
 
+def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The membrane beside a forming, in its last state."""
+    continuum = summary.get("continuum", {})
+    if "force_ratio" not in continuum:
+        return None
+    both = continuum["network"], continuum["membrane"]
+    rows = [
+        (f"{name}, force along z (N)", *(_number(of["tool_force_n"][name][2]) for of in both))
+        for name in continuum["force_ratio"]
+    ]
+    for name, key in (("largest shear angle (°)", "shear_max_deg"), ("of 99 %", "shear_p99_deg")):
+        rows.append((name, *(_number(of[key]) for of in both)))
+    rows += [
+        (f"largest draw-in, {edge} (mm)", *(_number(of["draw_in_mm"][edge]) for of in both))
+        for edge in both[0]["draw_in_mm"]
+    ]
+    rungs = continuum.get("ladder") or []
+    heads = {
+        "refine": "refine",
+        "crossovers": "crossovers",
+        "draw_in_ratio": "draw-in, network / membrane",
+        "relative_l2_displacement": "difference of displacement",
+        "relative_l2_shear": "difference of shear",
+        "mean_abs_shear_deg": "mean difference of shear (°)",
+    }
+    forces = {f"{n}_force_ratio": f"{n}, network / membrane" for n in continuum["force_ratio"]}
+    heads |= forces
+    ladder = [[_number(rung[key]) for key in heads] for rung in rungs]
+    return {
+        "text": f"The same cloth as a hyperelastic membrane in dolfinx among the same tools: "
+        f"{continuum['cells']:,} linear triangles along the yarns, {continuum['dofs']:,} unknowns, "
+        f"mesh size {si_text(continuum['mesh_size_m'], 'm')}. After {continuum['time']:.4g} stages "
+        f"shear angles differ by {continuum['mean_abs_shear_deg']:.2f}° in the mean, displacements "
+        f"by {_percent(continuum['relative_l2_displacement'])}. {continuum['note']}; here "
+        f"{_percent(continuum['bending_share'])} of the network's strain energy are bending.",
+        "table": Table(["", "network", "membrane"], rows),
+        "ladder": Table(list(heads.values()), ladder) if ladder else None,
+    }
+
+
 def fabric(case: Case) -> dict[str, Any]:
     """The fabric's yarns as a table, the rest in words."""
     fabric = case.fabric()
@@ -385,6 +437,7 @@ def fabric(case: Case) -> dict[str, Any]:
         words.append(fabric.source)
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
+    words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
     table = Table([fabric.name, "warp", "weft"], rows)
     return {"table": table, "text": " ".join(word for word in words if word)}
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A picture of woven yarns in space: tubes that pass over and under each other.
 
-The network is plane; the waves of its yarns are added here, those of a plain weave. No display is
+The network is plane; the waves of its yarns are added here, those of its weave. No display is
 needed: Xvfb stands for one where it is there, and VTK's own wheel needs none.
 """
 
@@ -12,13 +12,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..cloth.weave import Weave
 from ..errors import InputError
 from . import pictures
 from .folder import explaining
@@ -28,11 +30,14 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
+    from ..cloth.fabric import Fabric
+
 ALONG = 8  # pieces of tube per crossover
 WIDTH = 0.42  # half the width of a yarn over the distance of two: a little light comes through
 THICKNESS = 0.4  # of a cloth of unknown thickness, over that distance
 LEAST_COSINE = 0.3  # yarns that have closed further are not drawn any thinner
-LOW, OBLIQUE = np.deg2rad(28.0), np.deg2rad(-62.0)  # of the camera on a formed blank
+HIGH, OBLIQUE = np.deg2rad(40.0), np.deg2rad(-62.0)  # of the camera on a formed blank
+NEARER = 1.0  # of a piece of yarn: how far the cloth is moved towards it, tools twice as far
 AROUND = 0.1  # of the blank's size: how far around it tools are shown
 PIXELS = 1500  # of the larger side of the picture
 ELEVATION, TURN = np.deg2rad(52.0), np.deg2rad(18.0)  # of the camera, from across the long axis
@@ -40,48 +45,89 @@ STEEL = (176, 181, 188)
 SECONDS = 300.0  # until rendering has failed
 
 
-def woven(
-    sample: YarnSample, clamps: np.ndarray, thickness: float | None = None, title: str = ""
-) -> Figure:
+def woven(sample: YarnSample, clamps: np.ndarray, fabric: Fabric, title: str = "") -> Figure:
     """Draw the deformed yarns as tubes in the colours of their values. Not collective.
 
     Yarns get narrower and thicker where the cloth shears, as they have less room there. Of a large
     network the yarns of the sample stand for several each, and are so much thicker. Values are in
-    degrees, the cloth's thickness in m; ``clamps`` are segments (n, 2, 2) to draw as bars, the
-    cloth on their left. InputError if nothing here can render.
+    degrees; thickness and weave are the fabric's; ``clamps`` are segments (n, 2, 2) to draw as
+    bars, the cloth on their left. InputError if nothing here can render.
     """
+    thickness = fabric.thickness
     height = thickness * sample.every if thickness else THICKNESS * sample.spacing
     colours = pictures.colour_scale([sample.values])
-    scene = yarn_lines(sample, height, colours)
+    scene = yarn_lines(sample, height, colours, Weave.named(fabric.weave))
     width = pictures.bar_width(*pictures.bounds([scene["lines"][:, :2]]))
     scene["bars"] = pictures.bar_corners(clamps, width)
     scene["bar_height"] = np.array(max(height, 0.35 * width))
     scene["bar_colour"] = np.array(STEEL)
-    image, extent = _render(scene | _view(scene))
-    return _page(image, 1e3 * extent, colours, title, sample.every)
+    images, extent = _render([scene | _view(scene)])
+    figure = _page(images, 1e3 * extent, colours, title)
+    if sample.every > 1:
+        note = f"each yarn drawn stands for {sample.every}; heights {sample.every} times as large"
+        figure.text(0.01, -0.01, note, va="top", fontsize=8, color="0.35")
+    return figure
 
 
-def formed(
-    cloth: tuple[np.ndarray, np.ndarray, np.ndarray],
-    tools: tuple[np.ndarray, np.ndarray],
-    title: str = "",
-) -> Figure:
-    """Draw a formed blank in the colours of its values, between see-through tools. Not collective.
+@dataclass
+class Frame:
+    """A formed blank at one time, for `formed`; lengths in metres, angles in degrees.
 
-    The cloth's points (n, 3) m, triangles (m, 3) and values (n,), degrees; the tools' points and
-    triangles, of which what is near the cloth is shown. InputError if nothing here can render.
+    Attributes
+    ----------
+    points, values : float (n, 3), (n,)
+        Of the cloth; NaN where a crossover carries nothing.
+    triangles, yarns : int (m, 3), (k, 2)
+        Between its points; pieces of the yarns that are drawn as lines.
+    below, above : (points, triangles)
+        Of the tools that the cloth lies on, and of those that come from above.
+    caption : str
     """
-    points, triangles, values = cloth
-    colours = pictures.colour_scale([values])
-    shades = colours.to_rgba(np.ma.masked_invalid(values), bytes=True)[:, :3]
-    room = AROUND * np.ptp(points, axis=0).max()
-    box = np.stack([points.min(axis=0) - room, points.max(axis=0) + room], axis=1)
-    scene = {
-        "points": points, "triangles": triangles, "shades": shades,
-        "tool_points": tools[0], "tool_triangles": tools[1], "tool_box": box.ravel(),
-    }  # fmt: skip
-    image, extent = _render(scene | _looked_at(points, OBLIQUE, LOW, 0.06))
-    return _page(image, 1e3 * extent, colours, title, 1)
+
+    points: np.ndarray
+    values: np.ndarray
+    triangles: np.ndarray
+    yarns: np.ndarray
+    below: tuple[np.ndarray, np.ndarray]
+    above: tuple[np.ndarray, np.ndarray]
+    caption: str = ""
+
+
+def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_LABEL) -> Figure:
+    """Draw a formed blank at some times, its yarns on it, among the tools. Not collective.
+
+    Of tools what is near the cloth is shown; those from above are see-through, and cut open in
+    front. In parallel projection nothing moves in the picture that is moved towards the camera: so
+    cloth stays visible that has been pressed into a tool by less than its nets are coarse.
+    InputError if nothing here can render.
+    """
+    colours = pictures.colour_scale([frame.values for frame in frames])
+    cloth = np.concatenate([frame.points for frame in frames])
+    size = np.ptp(cloth, axis=0).max()
+    view = _looked_at(cloth, OBLIQUE, HIGH, 0.06)
+    if len(frames) > 1:
+        view["size"] = view["size"] * 3 // 5
+    room = AROUND * size
+    box = np.stack([cloth.min(axis=0) - room, cloth.max(axis=0) + room], axis=1).ravel()
+    middle = 0.5 * (cloth.min(axis=0) + cloth.max(axis=0))
+    front = np.array([np.cos(OBLIQUE), np.sin(OBLIQUE), 0.0])
+    scenes = []
+    for frame in frames:
+        a, b = frame.points[frame.yarns].transpose(1, 0, 2)
+        nearer = NEARER * np.linalg.norm(b - a, axis=1).max(initial=0.0) * view["towards"]
+        shades = colours.to_rgba(np.ma.masked_invalid(frame.values), bytes=True)[:, :3]
+        scenes.append(view | {
+            "points": frame.points, "triangles": frame.triangles, "shades": shades,
+            "yarns": frame.yarns, "nearer": nearer,
+            "below_points": frame.below[0], "below_triangles": frame.below[1],
+            "above_points": frame.above[0], "above_triangles": frame.above[1],
+            "box": box, "middle": middle, "front": front,
+        })  # fmt: skip
+    images, extent = _render(scenes)
+    captions = [frame.caption for frame in frames]
+    if len(captions) == 1:
+        title, captions = f"{title}\n{captions[0]}".strip(), [""]
+    return _page(images, 1e3 * extent, colours, title, captions, label)
 
 
 def _looked_at(
@@ -103,8 +149,10 @@ def _looked_at(
     }
 
 
-def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> dict[str, np.ndarray]:
-    """Lines of all yarns with the waves of a plain weave, for `render.tubes`; lengths in metres.
+def yarn_lines(
+    sample: YarnSample, height: float, colours: ScalarMappable, weave: Weave
+) -> dict[str, np.ndarray]:
+    """Lines of all yarns with the waves of their weave, for `render.tubes`; lengths in metres.
 
     The cloth at rest is ``height`` thick.
     """
@@ -116,7 +164,7 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
         if len(rows) < 2:
             continue
         family = int(sample.family[rows[0]])
-        along, line = place[rows, family], np.round(place[rows[0], 1 - family])
+        along, line = place[rows, family], round(place[rows[0], 1 - family])
         fine = np.linspace(along[0], along[-1], 1 + int(np.ceil(ALONG * np.ptp(along))))
         good = rows[np.isfinite(sample.values[rows])]
         angle = np.full(len(fine), np.nan)
@@ -124,7 +172,7 @@ def yarn_lines(sample: YarnSample, height: float, colours: ScalarMappable) -> di
             angle = np.interp(fine, place[good, family], sample.values[good])
         # Half as thick as the cloth each, and the room of one yarn stays that of one yarn.
         cosine = np.maximum(np.cos(np.deg2rad(np.nan_to_num(angle))), LEAST_COSINE)
-        wave = (1 - 2 * family) * np.cos(np.pi * (fine + line))
+        wave = weave.heights(family, line, fine)
         curve = make_interp_spline(along, after[rows], k=min(3, len(rows) - 1))
         lines.append(np.column_stack([curve(fine), 0.25 * height * wave / cosine]))
         halves.append(np.column_stack([WIDTH * sample.spacing * cosine, 0.25 * height / cosine]))
@@ -149,11 +197,17 @@ def _view(scene: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 @explaining("the yarns in space cannot be drawn", also=ValueError)  # half an image
-def _render(scene: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Have another process draw; uint8 (height, width, 3), and its (width, height) in metres."""
+def _render(scenes: Sequence[dict[str, np.ndarray]]) -> tuple[list[np.ndarray], np.ndarray]:
+    """Have another process draw scenes of one view.
+
+    Images, uint8 (height, width, 3) each, and their (width, height) in metres.
+    """
+    every = {
+        f"{i}/{name}": array for i, scene in enumerate(scenes) for name, array in scene.items()
+    }
     with tempfile.TemporaryDirectory() as folder, _display() as variables:
-        source, target = Path(folder) / "scene.npz", Path(folder) / "image.npy"
-        np.savez(source, **scene)  # type: ignore[arg-type]
+        source, target = Path(folder) / "scene.npz", Path(folder) / "images.npz"
+        np.savez(source, **every)  # type: ignore[arg-type]
         command = [sys.executable, "-m", "cruciform_petsc.output.render", str(source), str(target)]
         try:
             done = subprocess.run(
@@ -168,8 +222,10 @@ def _render(scene: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
                 "a 3-D picture needs PyVista and a VTK that draws without a display (EGL, OSMesa "
                 f"or Xvfb), and here it does not: {reason}"
             )
-        image = np.load(target, allow_pickle=False)
-    return image, 2.0 * scene["half_height"] / len(image) * np.array(image.shape[1::-1])
+        with np.load(target, allow_pickle=False) as data:
+            images = [data[f"{i}"] for i in range(len(scenes))]
+    height, width = images[0].shape[:2]
+    return images, 2.0 * scenes[0]["half_height"] / height * np.array([width, height])
 
 
 @contextmanager
@@ -196,26 +252,39 @@ def _display() -> Iterator[dict[str, str]]:
 
 
 def _page(
-    image: np.ndarray, extent: np.ndarray, colours: ScalarMappable, title: str, every: int
+    images: Sequence[np.ndarray],
+    extent: np.ndarray,
+    colours: ScalarMappable,
+    title: str,
+    captions: Sequence[str] = ("",),
+    label: str = pictures.ANGLE_LABEL,
 ) -> Figure:
-    """Put a colour bar, the length of a ruler and a title around an image of (2,) mm."""
+    """Put a colour bar, a ruler and titles around images of (2,) mm each."""
     from matplotlib.figure import Figure
 
-    width, height = 7.5 * extent / extent.max()
-    figure = Figure(figsize=(width + 0.9, height + 0.3), layout="constrained")
-    axes = figure.subplots()
-    axes.imshow(image, extent=(0.0, extent[0], 0.0, extent[1]), interpolation="antialiased")
-    axes.set_axis_off()
+    rows = 1 if len(images) == 1 else (len(images) + 1) // 2
+    columns = -(-len(images) // rows)
+    width, height = 7.5 / (1.0 if columns == 1 else 1.6) * extent / extent.max()
+    figure = Figure(
+        figsize=(columns * width + 0.9, rows * (height + 0.25 * any(captions)) + 0.3),
+        layout="constrained",
+    )
+    every = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in every:
+        axes.set_axis_off()
+        axes.set(xlim=(0.0, extent[0]), ylim=(0.0, extent[1]), aspect="equal")
+    for axes, image, caption in zip(every, images, captions, strict=False):
+        axes.imshow(image, extent=(0.0, extent[0], 0.0, extent[1]), interpolation="antialiased")
+        axes.set_title(caption or title, fontsize=10)
     # Level lines in the picture are level in the plane of the cloth, and not foreshortened.
     left, longest = 0.01 * extent[0], 0.2 * extent.max()
     lengths = np.array([1.0, 2.0, 5.0]) * 10.0 ** np.floor(np.log10(longest))
     length = lengths[lengths <= longest].max()
-    axes.plot([left, left + length], [0.0, 0.0], "k", linewidth=2.0, clip_on=False)
-    axes.annotate(f"{length:g} mm", (left, 0.0), (0, 4), textcoords="offset points", fontsize=9)
-    axes.set(xlim=(0.0, extent[0]), ylim=(0.0, extent[1]))
-    pictures.colour_bar([axes], colours, pictures.ANGLE_LABEL, shrink=min(0.7, 2.4 / height))
-    axes.set_title(title, fontsize=10)
-    if every > 1:
-        note = f"each yarn drawn stands for {every}; heights {every} times as large"
-        figure.text(0.01, -0.01, note, va="top", fontsize=8, color="0.35")
+    first = every[0]
+    first.plot([left, left + length], [0.0, 0.0], "k", linewidth=2.0, clip_on=False)
+    first.annotate(f"{length:g} mm", (left, 0.0), (0, 4), textcoords="offset points", fontsize=9)
+    shrink = min(0.7, 2.4 / (rows * height))
+    pictures.colour_bar(list(every), colours, label, shrink=shrink)
+    if any(captions):
+        figure.suptitle(title, fontsize=11)
     return figure

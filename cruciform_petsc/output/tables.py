@@ -23,6 +23,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..parallel import on_all, on_root, send_by_rank
+from ..reading import LARGEST, read_given
 from .folder import claim, explaining
 
 if TYPE_CHECKING:
@@ -46,6 +47,30 @@ def write_csv(
             table.writerows(rows)
 
     on_root(comm, write)
+
+
+def read_csv(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a table that `write_csv` has written; not collective.
+
+    Float (n,), an empty field being NaN; texts where a column has any. InputError for another file.
+    """
+    data = read_given(path, "table", "CSV", LARGEST)
+    try:
+        header, *rows = list(csv.reader(data.decode("utf-8-sig").splitlines()))
+        cells = list(zip(*rows, strict=True)) if rows else [()] * len(header)
+        if len(set(header)) < len(header):
+            raise ValueError
+        return {name: _column(column) for name, column in zip(header, cells, strict=True)}
+    except (ValueError, csv.Error):
+        raise InputError(f'"{path}" is not a table that cruciform-petsc has written') from None
+
+
+def _column(cells: Sequence[str]) -> np.ndarray:
+    """Numbers if all are, else texts."""
+    try:
+        return np.array([float(cell or "nan") for cell in cells], float)
+    except ValueError:
+        return np.array(cells, str)
 
 
 def write_json(comm: MPI.Intracomm, path: str | Path, data: Mapping[str, Any]) -> None:

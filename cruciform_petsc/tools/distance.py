@@ -16,6 +16,7 @@ from scipy import ndimage
 from .facets import SHARP, Body, normals, pairs, vectors
 
 BAND = 4  # cells
+MOST_BULGE = 0.35  # of the angle of two facets times the smaller one's width
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -190,15 +191,31 @@ def _bulge(points, triangles, area, normal) -> np.ndarray:
     With n_i the normals at its corners p_i and l_i a point's shares of them, a facet is raised by
     sum l_i l_j c_ij, c_ij = (p_j - p_i).(n_j - n_i)/2: the quadratic part of A. Vlachos et al.,
     Curved PN triangles, 2001. Where facets meet at more than 40 degrees, the edge stays sharp.
+
+    Long thin facets, as along a fillet, would bulge far by a small difference between the normals
+    at their ends. On a sphere of equal facets the height over an edge is a quarter of the width
+    across it times the angle between the two there: no facet bulges by much more than its edges,
+    with the smaller width of the two, tell.
     """
     order = np.argsort(triangles.ravel(), kind="stable")
     first = np.searchsorted(triangles.ravel()[order], np.arange(len(points) + 1))
     at = np.empty((len(triangles), 3, 3))
-    area = area * np.linalg.norm(area, axis=1, keepdims=True)
+    size = np.linalg.norm(area, axis=1)
+    area = area * size[:, None]
     _smooth_normals(triangles, first, order // 3, area, normal, np.cos(SHARP), at)
     corners = points[triangles]
-    ahead = [1, 2, 0]
-    return 0.5 * ((corners[:, ahead] - corners) * (at[:, ahead] - at)).sum(axis=2)
+    along = corners[:, [1, 2, 0]] - corners
+    bulge = 0.5 * (along * (at[:, [1, 2, 0]] - at)).sum(axis=2)
+    one, other = pairs(triangles).T  # directed edges, 3 facet + edge
+    turn = np.linalg.norm(normal[one // 3] - normal[other // 3], axis=1)
+    turn[turn > 2.0 * np.sin(0.5 * SHARP)] = 0.0
+    width = (size[:, None] / np.linalg.norm(along, axis=2)).ravel()
+    most = np.zeros(len(triangles))
+    sag = np.tile(turn * np.minimum(width[one], width[other]), 2)
+    np.maximum.at(most, np.concatenate([one, other]) // 3, sag)
+    height = MOST_BULGE * np.repeat(most, 3)
+    height[one] = height[other] = np.minimum(height[one], height[other])
+    return np.clip(bulge, -4.0 * height.reshape(-1, 3), 4.0 * height.reshape(-1, 3))
 
 
 def sample(

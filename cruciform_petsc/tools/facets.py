@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ SIDES = {f"{sign}{axis}": k for k, axis in enumerate("xyz") for sign in "+-"}
 _LARGEST, _SMALLEST = 20.0, 2e-3  # m, of a tool
 _LARGEST_FILE = 512 * MIB
 SHARP = math.radians(40.0)  # beyond it two facets meet at an edge and are not one smooth surface
+_AROUND, _CHORD = 48, 0.05  # facets of a STEP file: so many around a circle; off by so many mm
 _AWAY = 1e-3  # share of a skin that may face away from its side
 
 
@@ -85,9 +87,10 @@ def read(path: Path, unit: float | None) -> tuple[np.ndarray, np.ndarray]:
     if (unit is None) != (readers[kind] is _step):
         need = "needs" if unit is None else "says it itself and must not have"
         raise InputError(f'"{path}" {need} the key unit, for example "mm"')
-    if not read_given(path, "file", kind[1:].upper(), _LARGEST_FILE, zeros=True):
+    data = read_given(path, "file", kind[1:].upper(), _LARGEST_FILE, zeros=True)
+    if not data:
         raise InputError(f'"{path}" is empty')
-    points, triangles = readers[kind](path)
+    points, triangles = readers[kind](path, data)
     if len(triangles) == 0:
         raise InputError(f'"{path}" has no facets, or is no {kind[1:].upper()} file')
     if triangles.min() < 0 or triangles.max() >= len(points):
@@ -118,59 +121,61 @@ def _long(size: float) -> str:
     return f"{size / si:.4g} {unit}"
 
 
-def _vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Read what VTK reads."""
+def _vtk(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Read what VTK reads: STL, OBJ, PLY, and GLB with all its parts as one."""
     try:
         from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkFiltersCore import vtkTriangleFilter
-        from vtkmodules.vtkIOGeometry import vtkOBJReader, vtkSTLReader
+        from vtkmodules.vtkFiltersGeometry import vtkCompositeDataGeometryFilter
+        from vtkmodules.vtkIOGeometry import vtkGLTFReader, vtkOBJReader, vtkSTLReader
         from vtkmodules.vtkIOPLY import vtkPLYReader
     except ImportError:
         raise InputError(f'"{path}" is read by VTK, which is missing here') from None
     kind = path.suffix.lower()
-    {".stl": _check_stl, ".ply": _check_ply}.get(kind, lambda path: None)(path)
-    reader = {".stl": vtkSTLReader, ".obj": vtkOBJReader, ".ply": vtkPLYReader}[kind]()
+    {".stl": _check_stl, ".ply": _check_ply}.get(kind, lambda path, data: None)(path, data)
+    readers = {
+        ".stl": vtkSTLReader,
+        ".obj": vtkOBJReader,
+        ".ply": vtkPLYReader,
+        ".glb": vtkGLTFReader,
+    }
+    reader, join = readers[kind](), vtkCompositeDataGeometryFilter()
     problems: list[str] = []
     triangulate = vtkTriangleFilter()
-    for step in (reader, reader.GetExecutive(), triangulate):
+    for step in (reader, reader.GetExecutive(), join, triangulate):
         for event in ("ErrorEvent", "WarningEvent"):  # else they go to the terminal
             step.AddObserver(event, lambda *_: problems.append("error"))
     reader.SetFileName(str(path))
-    triangulate.SetInputConnection(reader.GetOutputPort())
+    join.SetInputConnection(reader.GetOutputPort())
+    triangulate.SetInputConnection((join if kind == ".glb" else reader).GetOutputPort())
     triangulate.PassVertsOff()
     triangulate.PassLinesOff()
     triangulate.Update()
-    data = triangulate.GetOutput()
-    if problems or data.GetNumberOfPolys() == 0:
+    found = triangulate.GetOutput()
+    if problems or found.GetNumberOfPolys() == 0:
         raise InputError(f'"{path}" is no {kind[1:].upper()} file, is cut off or has no facets')
-    cells = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    return vtk_to_numpy(data.GetPoints().GetData()).astype(float), cells.astype(np.int64)
+    cells = vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return vtk_to_numpy(found.GetPoints().GetData()).astype(float), cells.astype(np.int64)
 
 
-def _check_stl(path: Path) -> None:
+def _check_stl(path: Path, data: bytes) -> None:
     """A binary STL is as long as its count of facets says; VTK takes what there is."""
-    size = path.stat().st_size
-    with open(path, "rb") as file:
-        head = file.read(84)
-        count = int.from_bytes(head[80:84], "little")
-        text = head.lstrip()[:5].lower() == b"solid" and b"\0" not in head
-        if size == 84 + 50 * count or (
-            not text and 84 + 50 * count < size < 84 + 50 * count + 1024
-        ):
-            return
-        if not text:
-            raise InputError(
-                f'"{path}" is no STL file, or is cut off: it tells of {count} facets, which take '
-                f"{84 + 50 * count} bytes, and has {size}"
-            )
-        file.seek(max(0, size - 512))
-        if b"endsolid" not in file.read().lower():
-            raise InputError(f'"{path}" is cut off: an STL file in text ends with "endsolid"')
+    size, head = len(data), data[:84]
+    count = int.from_bytes(head[80:84], "little")
+    text = head.lstrip()[:5].lower() == b"solid" and b"\0" not in head
+    if size == 84 + 50 * count or (not text and 84 + 50 * count < size < 84 + 50 * count + 1024):
+        return
+    if not text:
+        raise InputError(
+            f'"{path}" is no STL file, or is cut off: it tells of {count} facets, which take '
+            f"{84 + 50 * count} bytes, and has {size}"
+        )
+    if b"endsolid" not in data[-512:].lower():
+        raise InputError(f'"{path}" is cut off: an STL file in text ends with "endsolid"')
 
 
-def _check_ply(path: Path) -> None:
+def _check_ply(path: Path, data: bytes) -> None:
     """A PLY file's head tells what follows; VTK takes what there is."""
-    data = path.read_bytes()
     head, end, body = data.partition(b"end_header")
     sizes = {b"char": 1, b"short": 2, b"int": 4, b"float": 4, b"double": 8, b"int8": 1}
     sizes |= {b"int16": 2, b"int32": 4, b"float32": 4, b"float64": 8}
@@ -189,13 +194,12 @@ def _check_ply(path: Path) -> None:
         raise InputError(f'"{path}" is no PLY file, or is cut off')
 
 
-def _heights(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _heights(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Points x, y, z in three columns, joined to triangles as seen from above."""
     try:
-        with open(path, encoding="utf-8") as file:
-            head = file.readline()
-        first = 0 if _numbers(head) else 1
-        points = np.loadtxt(path, delimiter=",", skiprows=first, ndmin=2)
+        text = data.decode("utf-8-sig").splitlines()
+        first = 0 if text and _numbers(text[0]) else 1
+        points = np.loadtxt(text, delimiter=",", skiprows=first, ndmin=2)
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(f'"{path}" must have three columns of numbers, x, y, z: {error}') from None
     if points.shape[1:] != (3,) or len(points) < 3:
@@ -224,13 +228,34 @@ def height_facets(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, triangles
 
 
-def _step(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Facets of a STEP file, which gmsh makes with OpenCASCADE; in metres."""
+def _step(path: Path, data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Facets of a STEP file, which OpenCASCADE makes, in cascadio or in gmsh; in metres."""
+    if not data.lstrip().startswith(b"ISO-10303-21"):
+        raise InputError(f'"{path}" is no STEP file: it does not begin with "ISO-10303-21"')
+    try:
+        import cascadio
+    except ImportError:
+        return _step_by_gmsh(path)
+    glb = cascadio.load(data, "step", tol_linear=_CHORD, tol_angular=2.0 * math.pi / _AROUND)
+    if not glb:
+        raise InputError(f'"{path}" cannot be read as STEP: it is damaged or has no surface')
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "tool.glb"
+        place.write_bytes(glb)
+        try:
+            return _vtk(place, glb)
+        except InputError as error:
+            raise InputError(str(error).replace(str(place), str(path))) from None
+
+
+def _step_by_gmsh(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read it where there is gmsh in place of cascadio."""
     try:
         import gmsh
     except ImportError:
         raise InputError(
-            f'"{path}" needs gmsh, which is missing here: install it, or save the tool as STL'
+            f'"{path}" needs cascadio (pip install cascadio) or gmsh, which are missing here: '
+            "install one, or save the tool as STL"
         ) from None
     begun = not gmsh.isInitialized()
     if begun:
@@ -242,7 +267,7 @@ def _step(path: Path) -> tuple[np.ndarray, np.ndarray]:
         gmsh.model.occ.importShapes(str(path))
         gmsh.model.occ.synchronize()
         low, high = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 48)
+        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _AROUND)
         gmsh.option.setNumber("Mesh.MeshSizeMax", float(np.ptp([low, high], axis=0).max()) / 20.0)
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()

@@ -24,9 +24,10 @@ from ..units import format_si
 from .surface import Facets, Look, Surface
 
 # Columns of a piece. Straight: p, direction, normal, first and last t. Arc: c, towards its middle,
-# +1 (bulges) or -1 (hollow), R, cosine of half its angle.
+# +1 (bulges) or -1 (hollow), R, sine of half its angle (_ALL: a circle).
 _WIDTH = 9
 _LINE, _ARC = 0.0, 1.0
+_ALL = 2.0
 ROUNDING = 1e-6  # of the size of some facets: points this close are one
 EDGE = 0.02  # default radius of an edge, of the tool's smaller side; of a smooth profile's rims
 
@@ -56,7 +57,11 @@ def _look(points, pieces, turned, spine, distance, normal, curvature):
                     off = 0.0
                 else:
                     off = size
-                if u * piece[3] + v * piece[4] < (piece[7] - 1e-9) * size:
+                beside = abs(u * piece[4] - v * piece[3])
+                if piece[7] != _ALL and (
+                    u * piece[3] + v * piece[4] < 0.0
+                    or beside > (piece[7] * (1.0 + 1e-9) + 1e-12) * size
+                ):
                     continue  # its ends are ends of the neighbours
                 away = abs(off - piece[6])
                 if away < least:
@@ -151,7 +156,7 @@ class Profile(Surface):
         self = cls.__new__(cls)
         self.turned, self.spine = turned, 0.0 if turned else math.inf
         self.depth, self.width = 0.0, 4.0 * radius if width is None else width
-        self.pieces = np.array([[_ARC, 0.0, 0.0, 1.0, 0.0, 1.0, radius, -1.0, 0.0]])
+        self.pieces = np.array([[_ARC, 0.0, 0.0, 1.0, 0.0, 1.0, radius, _ALL, 0.0]])
         self.closest_radius = (radius, math.inf)
         middle = 0.5 * math.pi
         last = -middle if turned else middle - 2.0 * math.pi
@@ -234,8 +239,8 @@ class Profile(Surface):
                 centre = path[k] - taken[k] * along[k] - convex * radii[k] * normal[k]
                 middle = normal[k] + normal[k + 1]
                 middle *= convex / np.linalg.norm(middle)
-                cosine = math.cos(0.5 * turn[k])
-                rows.append([_ARC, *centre, *middle, convex, radii[k], cosine, 0.0])
+                sine = math.sin(0.5 * abs(turn[k]))
+                rows.append([_ARC, *centre, *middle, convex, radii[k], sine, 0.0])
                 first = math.atan2(*(convex * normal[k])[::-1])
                 start = first + 0.5 * turn[k] if k == 0 and on_axis else first
                 drawn.append((centre, float(radii[k]), (start, first + turn[k])))

@@ -31,7 +31,7 @@ MOST_POINTS = 4_000_000  # of a grid by default: 32 MB on each rank
 _LIMIT = 32_000_000  # of any: 256 MB on each rank, and 1.5 GB on rank 0 while it is made
 REACH = 2e-3  # m from the surface, within which distances are exact by default
 _DOUBTFUL = 1.25  # cells: a jump of the sign that is more than rounding
-_VERSION = 1  # of what the cache holds: a change here makes new ones
+_VERSION = 2  # of what the cache holds: a change here makes new ones
 
 
 class Sampled(Surface):
@@ -236,7 +236,8 @@ def from_file(
     Parameters
     ----------
     path
-        STL (binary or text), OBJ, PLY; STEP, through gmsh; CSV: points x, y, z of a height field.
+        STL (binary or text), OBJ, PLY; STEP, through cascadio or gmsh; CSV: points x, y, z of
+        a height field.
     unit : float
         Metres in one of the file's unit; None for STEP, which says so itself.
     side : str, optional

@@ -34,6 +34,7 @@ from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import EquilibriumError, InputError
+from cruciform_petsc.experiments import net_kinematics
 from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.laws import linear, odd_polynomial, table
 from cruciform_petsc.net.network import Network
@@ -49,11 +50,8 @@ LOG = logging.getLogger("test_calibrate")
 
 
 def net_load(angle: np.ndarray, law, width: float, length: float) -> np.ndarray:
-    """Force of a net that follows `law` (Potential), by torque_from_loads' formula, N."""
-    half = 0.5 * np.asarray(angle, float)
-    torque = (2.0 * length - 3.0 * width) * law.evaluate(2.0 * half)[1]
-    torque = torque + width * law.evaluate(half)[1]
-    return torque / ((length / width - 1.0) * (np.cos(half) - np.sin(half)))
+    """Force of a net that follows `law` (Potential), N."""
+    return net_kinematics.net_load(angle, lambda g: law.evaluate(g)[1], width, length)
 
 
 def specimen(lumped=3, size=("100 mm", "200 mm"), angle="45 deg", fabric=UNKNOWN):

@@ -5,13 +5,19 @@ import json
 import math
 import re
 import tomllib
+from pathlib import Path
 
 import pytest
+from support.jsonschema import problems
 
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.case.template import new_case
+from cruciform_petsc.cloth.fabric import fabric_names
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.registry import KINDS
 from cruciform_petsc.solvers import options as petsc
 
+DEMOS = Path(__file__).parents[2] / "demos"
 SPECIMEN = """
 title = "the paper's specimen"
 [fabric]
@@ -286,6 +292,29 @@ def test_overrides(write):
     assert case.title == "a = b"
 
 
+def test_overrides_of_tables_in_a_list(write):
+    """By their numbers, from zero, as sentences have them."""
+    forming = [
+        'test = { kind = "forming" }',
+        'tool = [{ name = "die", shape.plane = {} }, { name = "punch", shape.plane = {} }]',
+        'stage = [{ name = "close", force = { punch = "50 N" } }]',
+    ]
+    path = write(SPECIMEN)
+    for override, said in (
+        ("tool[1].friction=much", "tool[1].friction "),
+        ("stage[0].force.punch=3 m", "stage[0].force.punch "),
+        ("tool[2].friction=1", "there is no tool[2]"),
+        ("tool.friction=1", "tool is a list, write tool[0].friction"),
+        ("preform[0].refine=1", "there is no preform[0]"),
+        ("test.kind[0]=1", "there is no test.kind[0]"),
+    ):
+        with pytest.raises(InputError) as caught:
+            Case.load(path, [*forming, override])
+        assert said in str(caught.value)
+    case = Case.load(path, ['test.extension=["1 mm", "2 mm"]', "test.extension[1]=5 mm"])
+    assert case.test.values_si == pytest.approx([1e-3, 5e-3])
+
+
 @pytest.mark.parametrize("override", ["preform.refine", "=4", "a..b=1", "a b=1", ""])
 def test_bad_override(write, override):
     """An override that is none says how one looks."""
@@ -358,13 +387,14 @@ def test_bad_override(write, override):
         (["test={}"], "test needs exactly one of extension and load, got neither"),
         (
             ["fabric={}"],
-            "fabric needs use, or warp, weft and shear (warp and weft and shear missing)",
+            "fabric needs use, from_datasheet, or warp, weft and shear (warp and weft and shear "
+            "missing)",
         ),
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness and fibre_density may "
-            "stand)",
+            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
+            "weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],
@@ -501,10 +531,13 @@ def test_bad_override(write, override):
         (
             ["fabric.use=e-glas-plain"],
             'fabric.use: there is no fabric "e-glas-plain" in the library '
-            '(did you mean "e-glass-plain-2.4"? known: "e-glass-plain-2.4", '
-            '"pantographic-sheet-2016", "glass-pp-plain-1.93")',
+            '(did you mean "e-glass-plain-2.4"? known: "' + '", "'.join(fabric_names()) + '")',
         ),
-        (["preform.outline={}"], "preform.outline needs exactly one of rectangle and polygon"),
+        (
+            ["preform.outline={}"],
+            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, polygon and "
+            "file",
+        ),
         (
             ['preform.outline={rectangle=["1 mm"]}'],
             "preform.outline.rectangle must be a list of 2, got 1",
@@ -566,7 +599,8 @@ def test_bad_override(write, override):
             ["a=1", "b=1", "c=1", "d=1"],
             "; ".join(
                 f'the case file has the unknown key "{key}" '
-                "(known: title, fabric, preform, test, tool, stage, continuum, solver, output)"
+                "(known: title, fabric, preform, test, tool, clamp, stage, continuum, solver, "
+                "output)"
                 for key in "abcd"
             ),
         ),
@@ -700,3 +734,47 @@ def test_the_program_s_own_settings_may_be_set(write):
     data = Case.load(write(SPECIMEN)).model_dump()
     data["solver"]["options"] = own
     assert Case.from_data(data).solver.options == own
+
+
+# -- for editors -----------------------------------------------------------------------------------
+
+
+def test_json_schema_takes_what_a_case_may_be():
+    """All demos, and a new case of every kind."""
+    schema = Case.json_schema()
+    cases = [path.read_text() for path in DEMOS.glob("*.toml")]
+    cases += [new_case(kind) for kind in KINDS]
+    assert len(cases) > 15
+    for text in cases:
+        assert problems(schema, tomllib.loads(text)) == [], text
+    assert "null" not in json.dumps(schema)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ({"preform": {"bias_angel": "3 deg"}}, ".preform: "),
+        ({"test": {"kind": "bias"}}, ".test.kind"),
+        ({"test": {"bending": 1}}, ".test.bending: no boolean"),
+        ({"output": {"directory": ""}}, ".output.directory: not minLength 1"),
+        ({"colour": 1}, ": unknown colour"),
+        ({"fabric": {"use": 3}}, ".fabric.use: no string"),
+        ({"preform": {"refine": 0}}, ".preform"),
+    ],
+)
+def test_json_schema_refuses(override, said):
+    data = tomllib.loads((DEMOS / "bias_extension.toml").read_text())
+    for key, value in override.items():
+        data[key] = data.get(key, {}) | value if isinstance(value, dict) else value
+    assert any(said in problem for problem in problems(Case.json_schema(), data))
+
+
+def test_paths_are_keys_that_set_takes(write):
+    """Each of them is known, so the complaint is about its value or another key, never its name."""
+    assert {"title", "preform.bias_angle", "tool[0].friction", "test.ratio"} <= set(Case.paths())
+    for path in Case.paths():
+        with pytest.raises(InputError) as caught:
+            Case.load(write(SPECIMEN), ["tool = [{}]", "stage = [{}]", f"{path}={{ no_such = 1 }}"])
+        assert f'unknown key "{path.rpartition(".")[2]}"' not in str(caught.value) or (
+            path.startswith("test.")
+        )

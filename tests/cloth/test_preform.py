@@ -312,3 +312,53 @@ def test_thousands_of_holes():
     with pytest.raises(InputError, match="hole-1201 and hole-3601 of preform.outline touch"):
         Preform.polygon(outline, [*holes, square(2 * 20 + 2, 1)])
     assert time.process_time() - begin < 6.0
+
+
+SHEET = ("20 mm", "30 mm", "0 deg")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            {"slits": [[["0 mm", "10 mm"]]]},
+            r"preform.outline.slits\[0\] must be a list of 2, got 1",
+        ),
+        ({"slits": [[["0 mm", "10 mm"]] * 2]}, r"preform.outline.slits\[0\] has no length"),
+        (
+            {"slits": [[[0, 0.01], [0.005, 0.01], [0.005, 0.02], [0.002, 0.005]]]},
+            r"preform.outline.slits\[0\] crosses itself",
+        ),
+        (
+            {"slits": [[["0 mm", "40 mm"], ["9 mm", "50 mm"]]]},
+            r"preform.outline.slits\[0\] lies beside the cloth, it cuts nothing",
+        ),
+        ({"slits": [[["-20 mm", "9 mm"], ["20 mm", "9 mm"]]]}, "leave 2 pieces of cloth"),
+        (
+            {"darts": [[["0 mm", "0 mm"], ["1 mm", "0 mm"], ["2 mm", "0 mm"]]]},
+            r"preform.outline.darts\[0\] has no area",
+        ),
+        (
+            {"darts": [[["-50 mm", "-50 mm"], ["50 mm", "-50 mm"], ["0 mm", "500 mm"]]]},
+            "leave no pieces of cloth",
+        ),
+    ],
+)
+def test_cuts_refused(options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        Preform.rectangle(*SHEET, **options)
+
+
+def test_slits_and_darts():
+    """A slit inside is a hole, behind those that are told; from the edge it is a notch."""
+    hole = [["-2 mm", "5 mm"], ["2 mm", "5 mm"], ["0 mm", "8 mm"]]
+    slit = [["-6 mm", "20 mm"], ["0 mm", "24 mm"], ["6 mm", "20 mm"]]
+    preform = Preform.rectangle(*SHEET, holes=[hole], slits=[slit])
+    assert [len(preform.edges[f"hole-{i}"]) for i in (1, 2)] == [3, 6]
+    assert preform.outline.area == pytest.approx(594e-6, rel=1e-4)
+    slit = [["-11 mm", "15 mm"], ["0 mm", "15 mm"]]
+    dart = [["6 mm", "-1 mm"], ["8 mm", "-1 mm"], ["7 mm", "4 mm"]]
+    preform = Preform.rectangle(*SHEET, slits=[slit], darts=[dart])
+    assert not preform.outline.interiors
+    assert len(preform.edges["left"]) == len(preform.edges["lower"]) == 2
+    assert preform.outline.area == pytest.approx(600e-6 - 0.5 * 4e-3 * 1.6e-3, rel=1e-4)

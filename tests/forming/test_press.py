@@ -27,7 +27,8 @@ def blank():
 def after(press, blank):
     """The posture at a stage's end, with tools where they are held."""
     hold, factors = press.drive(press.begin + 1.0)
-    return press.after(blank.start().at(hold, press.begin + 1.0, factors))
+    end = blank.start().at(hold, press.begin + 1.0, factors)
+    return press.after(end.x[blank.tool_node])
 
 
 def test_a_stage_drives_its_tools(blank):

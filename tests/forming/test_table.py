@@ -74,11 +74,28 @@ TEST = 'imperfection = { height = "0 mm" }'
         ),
         (DRAW, DRAW + '\nremove = ["punch"]', 'stage[1].remove: tool "punch" moves in this stage'),
         (CLOSE, 'remove = ["punch"]', 'stage[1].travel: tool "punch" was removed in an earlier'),
+        (TEST, 'symmetry = ["front"]', 'test.symmetry[0] must be "left", "right", "lower" or'),
+        (TEST, 'symmetry = "left"', "line 15: test.symmetry must be a list"),
+        (DRAW, "trim = {}", "stage[1].trim needs exactly one of radius, rectangle and polygon"),
+        (DRAW, 'trim = { radius = "0 mm" }', "stage[1].trim.radius must be positive"),
+        (
+            DRAW,
+            'trim = { polygon = [["0 m", "0 m"], ["1 m", "1 m"], ["1 m", "0 m"], ["0 m", "1 m"]] }',
+            "stage[1].trim.polygon crosses or touches itself",
+        ),
+        (DRAW, 'release = ["left"]', 'stage[1].release: there is no [[clamp]] of the edge "left"'),
+        (DRAW, 'suction = "5 N"', 'line 34: stage[1].suction = "5 N" has the'),
+        (DRAW, 'pressure = 5', "stage[1].pressure is the bare number 5"),
+        (DRAW, 'pressure = "5 kPa"', 'stage[1]: the edge "outline-1" is free under pressure'),
         ("results = 2", "results = 0", "stage[1].results must be a whole number from 1 up, got 0"),
         ("step = 0.5", "step = 2.0", "stage[1].step must be a share of the stage from 0.0001 to 1"),
         ("step = 0.5", "steps = 0.5", '[stage[1]] has the unknown key "steps" (did you mean'),
         ('title = "Cup"', "output = { exports = true }", "output.exports is not for forming"),
-        ('title = "Cup"', "continuum = { ladder = [1] }", "continuum.ladder is not for forming"),
+        (
+            'title = "Cup"',
+            "continuum = { second_gradient = true }",
+            "continuum.second_gradient is not for forming",
+        ),
         (
             f'kind = "forming"\n{TEST}',
             'extension = "1 mm"',
@@ -91,6 +108,112 @@ def test_refused(tmp_path, old, new, sentence):
     with pytest.raises(InputError) as caught:
         Case.load(written(tmp_path, (old, new)))
     assert sentence in str(caught.value)
+
+
+LEFT = '[[clamp]]\nedge = "left"\n'
+PLANES = 'kind = "forming"\nsymmetry = ["left"]'
+
+
+@pytest.mark.parametrize(
+    ("changes", "clamps", "sentence"),
+    [
+        ([], '[[clamp]]\nedge = "front"\n', 'preform has no edge "front" (known: lower,'),
+        ([], "[[clamp]]\n", "clamp[0].edge is missing"),
+        ([], f"{LEFT}{LEFT}", 'clamp[1].edge = "left" has another clamp, too'),
+        ([], f'{LEFT}stiffness = "2 N"\n', 'clamp[0].stiffness = "2 N" has the'),
+        ([], f'{LEFT}stiffness = "-2 N/mm"\n', "clamp[0].stiffness must be positive"),
+        ([], f'{LEFT}preload = "2 N"\n', "clamp[0].preload is of springs: give their stiffness"),
+        ([], f'{LEFT}friction_limit = "0 N"\n', "clamp[0].friction_limit must be positive"),
+        (
+            [],
+            f'{LEFT}slides = true\nstiffness = "2 N/mm"\n',
+            "clamp[0].slides = true holds in height only, without stiffness",
+        ),
+        (
+            [("[test]\n", "[test]\n"), ('kind = "forming"', PLANES)],
+            LEFT,
+            'clamp[0].edge = "left" lies in a plane of symmetry',
+        ),
+        (
+            [(CLOSE, f'{CLOSE}\nrelease = ["left"]'), (DRAW, f'{DRAW}\nrelease = ["left"]')],
+            LEFT,
+            'stage[1].release: "left" was released in an earlier stage',
+        ),
+        (
+            [('kind = "forming"', PLANES), ('"0 mm", "0 mm", "-6 mm"', '"1 mm", "0 mm", "-6 mm"')],
+            "",
+            'stage[1].travel: tool "punch" would leave the plane of symmetry x = 0',
+        ),
+        (
+            [('kind = "forming"', PLANES), (CLOSE, 'force = { holder = ["1 N", "0 N", "-5 N"] }')],
+            "",
+            'stage[0].force: tool "holder" would leave the plane of symmetry x = 0',
+        ),
+        (
+            [
+                ('kind = "forming"', PLANES),
+                (DRAW, 'turn = { punch = { angle = "3 deg", axis = [0.0, 0.0, 1.0] } }'),
+            ],
+            "",
+            'stage[1].turn: tool "punch" would turn out of the plane of symmetry x = 0',
+        ),
+        (
+            [('kind = "forming"', PLANES), ('bias_angle = "0 deg"', 'bias_angle = "30 deg"')],
+            "",
+            'test.symmetry needs yarns along and across the planes: preform.bias_angle = "0 deg"',
+        ),
+        (
+            [
+                ('kind = "forming"', PLANES),
+                (
+                    'rectangle = ["56 mm", "56 mm"]',
+                    'polygon = [["0 mm", "5 mm"], ["9 mm", "0 mm"], ["9 mm", "9 mm"]]',
+                ),
+            ],
+            "",
+            'test.symmetry: preform has no edge "left" (no straight piece of the outline lies at',
+        ),
+        (
+            [('name = "die"', 'name = "clamp 1"')],
+            "",
+            'tool[0].name = "clamp 1" is what the program',
+        ),
+        ([(DRAW, 'pressure = "5 kPa"')], LEFT, 'the edge "outline-1" is free under pressure'),
+        (
+            [(DRAW, 'pressure = "5 kPa"')],
+            "".join(f"[[clamp]]\nedge = '{e}'\n" for e in ("left", "right", "upper", "lower"))
+            + 'stiffness = "1 N/mm"\n',
+            'stage[1]: the edge "outline-1" is free under pressure',
+        ),
+    ],
+)
+def test_refused_of_clamps_and_planes(tmp_path, changes, clamps, sentence):
+    first = '[[stage]]\nname = "close"'
+    with pytest.raises(InputError) as caught:
+        Case.load(written(tmp_path, *changes, (first, clamps + first)))
+    assert sentence in str(caught.value)
+
+
+def test_pressure_on_edges_let_go(tmp_path):
+    """All edges held is right, until one is released; ended before, it is right again."""
+    four = "".join(f"[[clamp]]\nedge = '{e}'\n" for e in ("left", "right", "upper", "lower"))
+    first = '[[stage]]\nname = "close"'
+    off = '[[stage]]\nname = "off"\nrelease = ["upper"]\n'
+    on = (first, f'{four}[[stage]]\nname = "on"\npressure = "1 kPa"\n{first}')
+    end = (CLOSE, f'{CLOSE}\npressure = "0 Pa"')
+    path = written(tmp_path, on, end)
+    path.write_text(path.read_text() + off)
+    Case.load(path)
+    path = written(tmp_path, on)
+    path.write_text(path.read_text() + off.replace('release = ["upper"]', 'trim.radius="9 mm"'))
+    with pytest.raises(InputError, match=r"stage\[3\]: cloth is trimmed, so that its edge is free"):
+        Case.load(path)
+    path = written(tmp_path, on)
+    path.write_text(path.read_text() + off)
+    with pytest.raises(
+        InputError, match=r'stage\[3\]: the edge "outline-3" is free under pressure'
+    ):
+        Case.load(path)
 
 
 def test_weight_needs_an_areal_density(tmp_path):

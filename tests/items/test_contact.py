@@ -98,6 +98,28 @@ def test_contact_and_friction_by_differences(slipped):
         bend = (ahead[1] - behind[1]) / (2 * step)
         np.testing.assert_allclose(bend, matrix @ way, atol=1e-5 * abs(matrix @ way).max())
     assert len(contact.work(state, ENERGY)[1]) == 0
+    # The moment on the cloth is the energy's slope as the cloth turns about the tool's origin.
+    for axis in np.eye(3):
+        spin = np.vstack([np.cross(axis, x[:-1] - place), np.zeros(3)]).ravel()
+        ahead, behind = at(step * spin, FORCE)[0], at(-step * spin, FORCE)[0]
+        slope = (ahead - behind) / (2 * step)
+        size = np.linalg.norm(force) * radius
+        assert contact.moment(state) @ axis == pytest.approx(-slope, abs=1e-5 * size)
+
+
+def test_the_way_slid_adds_up():
+    """Along a plate there and back, beyond the elastic slip; nothing while a node hangs free."""
+    contact = Contact(
+        "plate", shapes.plane(), np.array([0, 1]), 2, np.full(2, 1e-5),
+        THICKNESS / 2, STIFFNESS_K, WIDTH, 0.0, SLIP,
+    )  # fmt: skip
+    state = SimpleNamespace(hold=SimpleNamespace(rotations={}), factors={}, memory={})
+    for x in (0.0, 3e-3, 1e-3):
+        state.x = np.array([[x, 0, 4e-4], [x, 0, 6e-4], [0, 0, 0]])
+        state.memory = {"plate": contact.accepted(state)}
+    # Back: as far as to the anchor, which stayed behind by the elastic slip, and beyond it.
+    expected = (3e-3 - SLIP) + (2e-3 - 2 * SLIP)
+    np.testing.assert_allclose(contact.fields(state)["slip"], [expected, 0.0], atol=1e-12)
 
 
 class Strip:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from support.finite import Cloth
-from support.helpers import UNEVEN, diagonals, l_shape
+from support.helpers import PITCH, TABLE_1, UNEVEN, diagonals, l_shape
 from support.kernels import rotation
 
 from cruciform_petsc.cloth.preform import Preform
@@ -102,6 +102,45 @@ def wavy(bending, flat=False):
     c, s = np.cos(0.2), np.sin(0.2)
     motions = [(nodes, np.array([[c, -s], [s, c]]), np.array([1e-3, 0.0]))]
     return cloth, cloth.state(cloth.rest + 1e-3 * wave, motions)
+
+
+@pytest.mark.parametrize("on_a_yarn", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_gradients_at_planes_of_symmetry(on_a_yarn, dim):
+    """Energy -> force -> stiffness of yarns that bend with their mirror images."""
+    origin, size = ((0, 0) if on_a_yarn else (PITCH / 2, PITCH / 2)), 3 * PITCH
+    corners = [(0, 0), (size, 0), (size, size), (0, size)]
+    preform = Preform.polygon(corners, bias_angle=0.0, origin=origin)
+    constraints = Constraints(Network(MPI.COMM_SELF, preform, TABLE_1), True)
+    for edge in ("left", "lower"):
+        constraints.symmetry(edge)
+    cloth = Cloth(constraints, {}, (1e-3, 4e-4) if dim == 3 else None, False)
+    bends, rng = cloth.ply.bends, np.random.default_rng(1)
+    x = cloth.rest + rng.normal(scale=0.1 * PITCH, size=cloth.rest.shape)
+    state = replace(cloth.state(), x=x)
+    assert bends._at_plane.any()
+    size = len(x) * dim
+
+    def total(x, level):
+        energy, force, _ = bends.work(replace(state, x=x), level)
+        wide = np.zeros_like(x)
+        if level:
+            np.add.at(wide, bends.nodes, force)
+        return energy.sum(), wide.ravel()
+
+    force, stiffness = total(x, 1)[1], np.zeros((size, size))
+    at = (dim * bends.nodes[..., None] + np.arange(dim)).reshape(len(bends.nodes), -1)
+    np.add.at(
+        stiffness, (at[:, :, None], at[:, None]),
+        bends.work(state, 2)[2].reshape(len(at), at.shape[1], -1),
+    )  # fmt: skip
+    for _ in range(4):
+        change, step = rng.normal(size=x.shape), 1e-9
+        (up, ahead), (down, behind) = (total(x + s * change, 1) for s in (step, -step))
+        assert (up - down) / (2 * step) == pytest.approx(force @ change.ravel(), rel=1e-5)
+        slope = stiffness @ change.ravel()
+        np.testing.assert_allclose((ahead - behind) / (2 * step), slope,
+                                   atol=1e-5 * abs(slope).max())  # fmt: skip
 
 
 @BENDING

@@ -19,7 +19,15 @@ from cruciform_petsc.equilibrium.newton import Equilibrium
 from cruciform_petsc.equilibrium.state import Hold
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.items.item import Item
-from cruciform_petsc.items.loads import G, Pressure, Suction, facets, gravity, imperfection
+from cruciform_petsc.items.loads import (
+    G,
+    Pressure,
+    PressureAbove,
+    Suction,
+    facets,
+    gravity,
+    imperfection,
+)
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.network import Network
 
@@ -104,11 +112,12 @@ def test_surface_of_the_cloth(name):
     [
         lambda ply: Pressure(ply, 3e3),
         lambda ply: Pressure(ply, -2e3, np.array([0.01, 0.3, -0.2])),
+        lambda ply: PressureAbove(ply, 3e3, -0.01),
         lambda ply: Suction(ply, 3e3),
         lambda ply: gravity(ply, "this test"),
         lambda ply: imperfection(ply, 1e-3, 5),
     ],
-    ids=["pressure", "from elsewhere", "suction", "gravity", "imperfection"],
+    ids=["pressure", "from elsewhere", "above", "suction", "gravity", "imperfection"],
 )
 def test_gradients(load):
     """Energy -> force -> stiffness of each load by itself, 1e-6 of the largest."""
@@ -138,7 +147,7 @@ def test_gradients(load):
     slope = differences(at(1, 1), x[some], 1e-5)
     np.testing.assert_allclose(slope, stiffness[some], atol=1e-6 * size / 1e-3)
     assert energy.shape == (len(x), 1)
-    if isinstance(item, Pressure):  # cubic, whole stiffness: its own scale
+    if isinstance(item, Pressure | PressureAbove):  # cubic, whole stiffness: its own scale
         np.testing.assert_allclose(slope, stiffness[some], atol=1e-6 * abs(stiffness).max())
 
 

@@ -19,8 +19,10 @@ from support.helpers import (
     random_preform,
 )
 
+from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.net.lattice import (
     ARM_STEP,
     OPPOSITE,
@@ -452,3 +454,37 @@ def test_hundreds_of_holes():
     network = Network(MPI.COMM_SELF, preform, TABLE_1)
     assert network.covered_area() == pytest.approx(preform.outline.area, rel=1e-9)
     assert time.process_time() - begin < 8.0
+
+
+def pulled(**options):
+    """Load [N] and largest warp tension beside each yarn of 21, of a sheet pulled along its warp.
+
+    Without shear stiffness yarns bear their own strain only: 0.2 N from end to end without cuts.
+    """
+    yarn = YarnFamily(1e4, 0.0, 1000.0, 1e-9)
+    preform = Preform.rectangle("20 mm", "30 mm", "0 deg", **options)
+    network = Network(MPI.COMM_SELF, preform, Fabric("soft", yarn, yarn, 1e-3))
+    result = OffAxisTension(network, extension="0.03 mm", finite=False).solve()
+    return network, result
+
+
+def test_yarns_across_a_slit_are_cut():
+    """Their tension is gone, the load is that of the others; along the yarns nothing changes."""
+    network, result = pulled(slits=[[["0.5 mm", "10.5 mm"], ["0.5 mm", "20 mm"]]])
+    assert network.num_crossovers_global == 21 * 31
+    assert result.load == pytest.approx(0.2, rel=1e-4)  # a patch: 10 N/m all over
+    np.testing.assert_allclose(result.fields["warp_tension"], 10.0, rtol=5e-4)
+    for slit, cut in (
+        ([["-4.5 mm", "15.4 mm"], ["4.5 mm", "15.4 mm"]], 9),
+        ([["-3 mm", "13 mm"], ["0 mm", "16.4 mm"], ["3.4 mm", "12.7 mm"]], 7),
+        ([["-4.5 mm", "15.4 mm"], ["14.5 mm", "15.4 mm"]], 14.5),  # from the edge, half a yarn
+    ):
+        network, result = pulled(slits=[slit])
+        assert result.load == pytest.approx(0.2 * (1 - cut / 20), rel=2e-2)
+        x, y = 1e3 * network.crossover_position.T
+        across = (abs(x) < 2.5) & (y > 11.5) & (y < 17.5)
+        assert across.sum() > 20
+        assert abs(result.fields["warp_tension"][across]).max() < 0.2
+    # A dart at the side takes out what it is wide.
+    dart = [["11 mm", "10 mm"], ["11 mm", "20 mm"], ["4.5 mm", "15 mm"]]
+    assert pulled(darts=[dart])[1].load == pytest.approx(0.2 * (1 - 5.5 / 20), rel=2e-2)

@@ -146,6 +146,22 @@ def test_every_kind_goes_on_from_each_increment(tmp_path, kind):
             np.testing.assert_allclose(found, wanted.node_displacement, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_goes_on_from_an_earlier_increment(tmp_path, kind):
+    """Other than the last one: the same increments once more, and the same curve."""
+    case = case_of(*KINDS[kind])
+    whole = solve(case)
+    controls = [increment.control for increment in whole.increments]
+    assert solve(case, Checkpoint.begin(COMM, tmp_path, case)) is not None
+    for step in sorted({1, len(controls) // 2, len(controls) - 1}):
+        checkpoint = Checkpoint.resume(COMM, tmp_path, case, step)
+        assert len(checkpoint.increments) == step
+        result = solve(case, checkpoint)
+        found = [increment.control for increment in result.increments]
+        assert found == pytest.approx(controls, rel=SAME)
+        curves_agree(result, whole)
+
+
 class Drag(Item):
     """Springs from each node to where it was in the state accepted last; counts these states."""
 
@@ -156,8 +172,8 @@ class Drag(Item):
 
     def work(self, state, level, rows=slice(None), before=None):
         at = self.nodes[rows, 0]
-        place = state.memory.get("drag", {}).get("place", self.of.rest)
-        moved = state.x[at] - place[at]
+        place = state.memory.get("drag", {}).get("place", self.of.rest[self.nodes[:, 0]])
+        moved = state.x[at] - place[rows]
         energy, force, stiffness = room(len(at), 1, 1, moved.shape[1], level)
         energy[:, 0] = 0.5 * self.stiffness * (moved**2).sum(axis=1)
         if level >= FORCE:
@@ -167,9 +183,10 @@ class Drag(Item):
         return energy, force, stiffness
 
     def accepted(self, state):
-        before = state.memory.get("drag", {})
-        count = before.get("count", np.zeros(len(state.x), np.int32)) + np.int32(1)
-        return {"place": state.x, "count": count, "went_up": state.x[:, 1] > self.of.rest[:, 1]}
+        before, at = state.memory.get("drag", {}), self.nodes[:, 0]
+        count = before.get("count", np.zeros(len(at), np.int32)) + np.int32(1)
+        went_up = state.x[at, 1] > self.of.rest[at, 1]
+        return {"place": state.x[at], "count": count, "went_up": went_up}
 
 
 @pytest.fixture
@@ -192,6 +209,14 @@ def test_what_items_remember_is_kept(tmp_path, dragged, undisturbed):
         folder = tmp_path / str(stop)
         assert solve(case_of(), Checkpoint.begin(COMM, folder, case_of()), stop) is None
         curves_agree(solve(case_of(), Checkpoint.resume(COMM, folder)), whole)
+
+
+def test_what_items_remember_of_an_earlier_increment(tmp_path, dragged):
+    """It is what they accepted then, not what the state was found with."""
+    whole = solve(case_of())
+    assert solve(case_of(), Checkpoint.begin(COMM, tmp_path, case_of()), 6) is None
+    result = solve(case_of(), Checkpoint.resume(COMM, tmp_path, from_step=4))
+    curves_agree(result, whole)
 
 
 def test_killed_again_and_again(tmp_path, undisturbed):
@@ -423,8 +448,8 @@ def test_foreign_checkpoints_are_refused(copy):
     forge(newest, lambda data: None)
     assert parts(newest) == good
     forge(newest, lambda data: data | {"format": 7})
-    assert f"in format 7, and this is {__version__}, which reads format 3" in refused(copy)
-    forge(newest, lambda data: data | {"format": 3, "program": "9.9"})
+    assert f"in format 7, and this is {__version__}, which reads format 4" in refused(copy)
+    forge(newest, lambda data: data | {"format": 4, "program": "9.9"})
     assert "was written by cruciform_petsc 9.9 in" in refused(copy)
     forge(newest, lambda data: data | {"program": __version__})
     text = refused(copy, case_of(BIAS | {"extension": ["1 mm", "3 mm", "5 mm"]}))

@@ -307,9 +307,9 @@ def test_small_displacements(tmp_path):
 def test_weft_angle_is_that_of_an_axis():
     """Abaqus takes angles of layers from -90 to 90 degrees; fibres have no sense."""
     angle = np.deg2rad([10.0, 60.0, 90.0, 100.0, 150.0])
-    warp = np.tile([1.0, 0.0], (5, 1))
-    weft = np.column_stack([np.cos(angle), np.sin(angle)])
-    weft[2] = 0.0, 1.0
+    warp = np.tile([1.0, 0.0, 0.0], (5, 1))
+    weft = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
+    weft[2] = 0.0, 1.0, 0.0
     np.testing.assert_allclose(weft_angle_deg(warp, weft), [10, 60, 90, -80, -30], rtol=1e-12)
 
 

@@ -152,7 +152,7 @@ def test_vtk_reads_the_network(tmp_path, result):
     shared[network.arm_node[network.arm_is_shared]] = True
     np.testing.assert_array_equal(times == 2, shared[point["node"][n:]])
 
-    before = points - point["displacement"]
+    before = points - point["displacement_m"]
     length = np.linalg.norm(np.diff(before[lines], axis=1)[:, 0], axis=1)
     np.testing.assert_allclose(length, network.arm_length[has_arm], rtol=1e-9)
     np.testing.assert_allclose(before[:n, :2], network.crossover_position, atol=1e-15)
@@ -168,7 +168,7 @@ def test_vtk_reads_the_network(tmp_path, result):
     tension = np.where(family == 0, fields["warp_tension"][e], fields["weft_tension"][e])
     shear = np.rad2deg(fields["shear_angle"])
     for name, expected in (
-        ("tension", tension),
+        ("tension_N_per_m", tension),
         ("strain", fields["arm_strain"][e, arm]),
         ("shear_angle_deg", shear[e]),
         ("crossover", e),
@@ -176,7 +176,7 @@ def test_vtk_reads_the_network(tmp_path, result):
         np.testing.assert_allclose(cell[name], expected, rtol=1e-6, atol=1e-9, err_msg=name)
     np.testing.assert_allclose(point["shear_angle_deg"][:n], shear, rtol=1e-6, atol=1e-9)
     for name in ENERGIES:
-        assert cell[name].sum() == pytest.approx(fields[name].sum(), rel=1e-5), name
+        assert cell[f"{name}_J"].sum() == pytest.approx(fields[name].sum(), rel=1e-5), name
     # At an arm end: the mean of the crossovers whose arms end there.
     node = np.flatnonzero(times == 2)[7] + n
     expected = cell["shear_angle_deg"][lines[:, 1] == node].mean()
@@ -204,8 +204,8 @@ def test_vtk_reads_cloth_in_space(tmp_path):
     write_state(tmp_path / "network.vtkhdf", result)
     points, _, point, cell = read_vtkhdf(tmp_path / "network.vtkhdf")
     assert abs(points[:, 2]).max() > 2e-5
-    np.testing.assert_allclose(point["displacement"][:, 2], points[:, 2], atol=1e-15)
-    energy = cell["out_of_plane_bending_energy"].sum()
+    np.testing.assert_allclose(point["displacement_m"][:, 2], points[:, 2], atol=1e-15)
+    energy = cell["out_of_plane_bending_energy_J"].sum()
     assert energy == pytest.approx(result.energies()["out_of_plane_bending"][-1], rel=1e-5)
     height = abs(result.fields["displacement"][:, 2]).max()
     assert result.curve()["height_max_mm"][-1] == pytest.approx(1e3 * height)
@@ -232,8 +232,11 @@ def test_vtk_reads_a_series(tmp_path, curve):
     network = curve.network
     n = network.num_crossovers_owned
     np.testing.assert_allclose(points[:n, :2], network.crossover_position, atol=1e-15)
-    assert not point["displacement"].any()
-    assert not any(cell[name].any() for name in (*ENERGIES, "shear_angle_deg", "tension"))
+    assert not point["displacement_m"].any()
+    assert not any(
+        cell[name].any()
+        for name in (*(f"{e}_J" for e in ENERGIES), "shear_angle_deg", "tension_N_per_m")
+    )
     assert cell["carrying"].all()
     with h5py.File(path) as file:
         assert file["VTKHDF"].attrs["time_is"].decode() == "extension_mm"

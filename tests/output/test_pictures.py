@@ -394,7 +394,8 @@ def test_load_against_extension(finite):
     check(axes, "measured", [1.0, 2.0], [0.5, 1.5])
     (marks,) = (line for line in axes.get_lines() if line.get_label().startswith("_"))
     np.testing.assert_allclose(marks.get_data(), [[2.0, 6.0], finite.loads])
-    assert legend_of(axes) == ["network", "membrane", "measured"]
+    closed = "closed form, yarns neither stretch nor bend"
+    assert legend_of(axes) == ["network", closed, "membrane", "measured"]
     assert labels_of(axes) == ("extension (mm)", "load (N)")
     assert axes.get_title() == "a test"
     assert (axes.get_xlim()[0], axes.get_ylim()[0]) == (0.0, 0.0)

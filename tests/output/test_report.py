@@ -250,11 +250,11 @@ def test_cut_steps_are_told(tmp_path, monkeypatch):
 
     solve, calls = newton.Equilibrium.solve, []
 
-    def fails_once(self, guess):
+    def fails_once(self, guess, *more):
         calls.append(guess.time)
         if len(calls) == 2:
             raise newton.EquilibriumError("no", "MAX_IT", [])
-        return solve(self, guess)
+        return solve(self, guess, *more)
 
     monkeypatch.setattr(newton.Equilibrium, "solve", fails_once)
     summary = run_case(COMM, made(), tmp_path, LOG)
@@ -406,7 +406,7 @@ def test_two_results_by_hand(tmp_path):
     """At the values asked for: 1, 2 mm and 4 mm beyond the shorter one, which does not count."""
     a = results(tmp_path / "a", [1.1, 1.7], [10.0, 21.0])
     b = results(tmp_path / "b", [1.0, 2.0, 4.0], [11.0, 20.5, 40.0], extension=(1.0, 2.0, 4.0))
-    told, figures, _ = compare(read_side(a), read_side(b))
+    told, (figures,), _ = compare([read_side(a), read_side(b)])
     load, shear = figures["load_N"], figures["shear_max_deg"]
     assert (load.points, load.relative, shear.relative) == (2, True, False)
     assert load.rms == pytest.approx(np.sqrt((0.01 + 0.0225) / 2))
@@ -414,7 +414,7 @@ def test_two_results_by_hand(tmp_path):
     assert shear.rms == pytest.approx(np.sqrt((1.0 + 0.25) / 2))
     assert (shear.end, shear.largest, shear.largest_at) == pytest.approx((0.5, -1.0, 1.0))
     assert figures["energy_J"].rms == pytest.approx(load.rms)
-    assert told["differences"]["load_N"]["rms_relative"] == load.rms
+    assert told["differences"]["a"]["load_N"]["rms_relative"] == load.rms
 
 
 def test_all_increments_are_used_between(tmp_path):
@@ -424,7 +424,7 @@ def test_all_increments_are_used_between(tmp_path):
     rows = ["0.5,0.25,0,0.1", "1,1,0,0.1", "1.5,2.25,0,0.2", "2,4,1,0.1"]
     (a / "curve.csv").write_text("\n".join(["extension_mm,load_N,asked,seconds", *rows]) + "\n")
     for sides, points in (((a, b), 2), ((a, a), 1)):
-        _, figures, _ = compare(*map(read_side, sides))
+        _, (figures,), _ = compare([*map(read_side, sides)])
         assert figures["load_N"].rms == pytest.approx(0.0, abs=1e-12)
         assert figures["load_N"].points == points
         assert figures.keys() == {"load_N"}
@@ -459,7 +459,7 @@ def test_command(tmp_path, capsys, folder, summary):
     out = tmp_path / "out"
     assert main(["compare", str(folder), str(folder / "measured.csv"), "--output", str(out)]) == 0
     told = json.loads((out / "comparison.json").read_text())
-    found, measured = told["differences"]["load_N"], summary["measured"]
+    found, measured = told["differences"]["a"]["load_N"], summary["measured"]
     assert found["rms_relative"] == pytest.approx(measured["rms_relative"], rel=1e-12)
     assert found["points"] == measured["points"]
     assert (out / "comparison.png").exists()
@@ -469,7 +469,7 @@ def test_command(tmp_path, capsys, folder, summary):
     told = json.loads((out / "comparison.json").read_text())
     assert all(
         value in (0.0, figures["points"], figures["largest_at"])
-        for figures in told["differences"].values()
+        for figures in told["differences"]["a"].values()
         for value in figures.values()
     )
 

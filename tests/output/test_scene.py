@@ -12,6 +12,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, Preform
+from cruciform_petsc.cloth.weave import Weave
 from cruciform_petsc.output import figures, pictures, scene
 from cruciform_petsc.output.sample import sample_yarns
 from cruciform_petsc.run import run_case
@@ -26,17 +27,25 @@ def result():
     return BiasExtension(network, "4 mm", finite=True).solve()
 
 
-def yarn_lines(result, limit):
+def yarn_lines(result, limit, weave):
     """The sample, and its lines as drawn, of a cloth of 1 mm."""
     sample = sample_yarns(result.network, result.node_displacement, result.fields, limit)
     scale = pictures.colour_scale([sample.values])
-    return sample, scene.yarn_lines(sample, 1e-3, scale)
+    return sample, scene.yarn_lines(sample, 1e-3, scale, Weave.named(weave))
 
 
-@pytest.mark.parametrize("limit", [3000, 20])
-def test_plain_weave(result, limit):
-    """At every crossover one family is above, neighbours alternate; no yarn leaves the cloth."""
-    sample, drawn = yarn_lines(result, limit)
+@pytest.mark.parametrize(
+    ("limit", "weave", "warp_above"),
+    [
+        (3000, "plain", lambda i, j: (i + j) % 2 == 0),
+        (20, "plain", lambda i, j: (i + j) % 2 == 0),
+        (3000, "twill 2/2", lambda i, j: (i - j) % 4 in (0, 1)),
+        (3000, "satin 5", lambda i, j: (i - 2 * j) % 5 != 0),
+    ],
+)
+def test_weave(result, limit, weave, warp_above):
+    """At every crossover one family is above, as it is woven; no yarn leaves the cloth."""
+    sample, drawn = yarn_lines(result, limit, weave)
     place = sample.lattice / sample.every
     assert (sample.every > 1) == (limit == 20)
     # Half a cloth of 1 mm, more where it has sheared by up to 40 degrees.
@@ -62,7 +71,7 @@ def test_plain_weave(result, limit):
     assert len(crossed) > 3
     for i, j in crossed:
         assert above[0, i, j] != above[1, i, j]
-        assert above[0, i, j] == ((i + j) % 2 == 0)
+        assert above[0, i, j] == warp_above(i, j)
 
 
 def test_tubes():
@@ -134,7 +143,7 @@ def test_case_file(tmp_path, monkeypatch, caplog, can):
     if not can:
         monkeypatch.setattr(scene.sys, "executable", "/bin/false")
     case = Case.from_data({
-        "fabric": {"use": "e-glass-plain-2.4"},
+        "fabric": {"use": "e-glass-plain-2.4", "weave": "twill 2/2"},
         "preform": {"outline": {"rectangle": ["24 mm", "36 mm"]}, "bias_angle": "45 deg"},
         "test": {"extension": "1 mm"},
         "output": {"pictures": False, "paraview": False, "report": True, "scene": True},
@@ -165,3 +174,39 @@ def test_vtk_aborts(result, tmp_path, monkeypatch):
     monkeypatch.setattr(scene.shutil, "which", lambda name: None)
     with pytest.raises(InputError, match="and here it does not: .*X"):
         figures.scene(result, tmp_path / "scene.png")
+
+
+def pressed_plate(**options):
+    """Cloth of 11 x 11 crossovers, 1 mm apart; a plate below, 0.3 mm into it, and one above."""
+    i, j = np.mgrid[0:11, 0:11]
+    points = np.column_stack([1e-3 * i.ravel(), 1e-3 * j.ravel(), np.zeros(121)])
+    n = (11 * i + j)[:-1, :-1].ravel()
+    triangles = np.column_stack([n, n + 11, n + 12, n, n + 12, n + 1]).reshape(-1, 3)
+    corners = 1e-3 * np.array([[-2.0, -2, 0], [12, -2, 0], [12, 12, 0], [-2, 12, 0]])
+    squares = np.array([[0, 1, 2], [0, 2, 3]])
+    plates = [(corners + np.array([0.0, 0.0, z]), squares) for z in (0.3e-3, 0.8e-3)]
+    given = {"below": plates[0], "above": plates[1], "caption": "draw, 50 %"} | options
+    return scene.Frame(points, np.full(121, 30.0), triangles, np.array([[0, 1]]), **given)
+
+
+def test_formed_blank_among_tools():
+    """Cloth is seen where a tool has pressed it in; tools from above are cut off in front."""
+    none = np.zeros((0, 3)), np.zeros((0, 3), int)
+    frames = [pressed_plate(below=none, above=none, caption="bare"), pressed_plate(above=none)]
+    frames += [pressed_plate(caption="both")] * 2
+    figure = scene.formed(frames, "A plate")
+    assert [axes.get_title() for axes in figure.axes[:4]] == ["bare", "draw, 50 %", "both", "both"]
+    images = [np.asarray(axes.images[0].get_array(), float) for axes in figure.axes[:4]]
+    high, wide = images[0].shape[:2]
+    behind, front = (np.array([im[int(y * high), wide // 2] for im in images]) for y in (0.4, 0.6))
+    np.testing.assert_allclose(front, front[[0] * 4], atol=12.0)
+    np.testing.assert_allclose(behind[:2], behind[[0] * 2], atol=12.0)
+    assert abs(behind[2] - behind[0]).max() > 25.0  # through a plate
+    np.testing.assert_allclose(images[2], images[3], atol=2.0)  # also the light is the same
+
+
+def test_one_formed_blank():
+    """Its words stand below the title."""
+    figure = scene.formed([pressed_plate()], "A plate")
+    assert figure.axes[0].get_title() == "A plate\ndraw, 50 %"
+    assert figure.axes[1].get_ylabel() == pictures.SIZE_LABEL

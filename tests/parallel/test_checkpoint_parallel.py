@@ -76,9 +76,9 @@ def test_positions_do_not_depend_on_the_ranks(tmp_path):
         network = Network(comm, case.preform(), case.fabric())
         test = FiniteTest(case.experiment(network))
         nodes = test.ply.nodes
-        path, asked = Checkpoint.resume(comm, tmp_path).restore(nodes, test.at)
+        path, former = Checkpoint.resume(comm, tmp_path).restore(test.model, test.at)
         assert len(path.states) == 3
-        return nodes.node_key, [(state.time, state.x) for state in (*path.states, *asked)]
+        return nodes.node_key, [(state.time, state.x) for state in (*path.states, *former)]
 
     key, many = kept(COMM)
     one_key, one = kept(MPI.COMM_SELF)
@@ -97,16 +97,21 @@ def test_memory_does_not_depend_on_the_ranks(tmp_path, dragged):  # noqa: F811
     def kept(comm):
         test = FiniteTest(case.experiment(Network(comm, case.preform(), case.fabric())))
         nodes = test.ply.nodes
-        path, (state,) = Checkpoint.resume(comm, tmp_path).restore(nodes, test.at)
+        checkpoint = Checkpoint.resume(comm, tmp_path)
+        path, former = checkpoint.restore(test.model, test.at)
+        steps = zip(checkpoint.increments, former, strict=True)
+        (state,) = (state for increment, state in steps if increment.asked)
+        own = nodes.num_nodes_owned
         assert (path.state.memory["drag"]["count"] == 4).all()
         memory = path.state.memory["drag"]
-        np.testing.assert_array_equal(memory["place"], path.state.x)
-        np.testing.assert_array_equal(memory["went_up"], path.state.x[:, 1] > nodes.rest[:, 1])
+        np.testing.assert_array_equal(memory["place"], path.state.x[:own])
+        went_up = path.state.x[:own, 1] > nodes.rest[:own, 1]
+        np.testing.assert_array_equal(memory["went_up"], went_up)
         assert memory["went_up"].dtype == bool
         # The state asked for has that of the one before it.
         before = state.memory["drag"]
         assert (before["count"] == 1).all()
-        assert abs(before["place"] - state.x).max() > 1e-5
+        assert abs(before["place"] - state.x[:own]).max() > 1e-5
         return path.state.memory["drag"]
 
     assert len(kept(COMM)["count"]) > 0

@@ -8,6 +8,7 @@ from support.helpers import TABLE_1, diagonals
 
 from cruciform_petsc import memory
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cli import main
 from cruciform_petsc.equilibrium.model import Model
 from cruciform_petsc.errors import InputError, LibraryError
 from cruciform_petsc.estimate import check_work
@@ -96,3 +97,10 @@ def test_estimate(tmp_path, monkeypatch):
     with pytest.raises(InputError) as caught:
         check_work(COMM, Case.from_data(data))
     assert "the membrane has about 8e+10 triangles" in alike(caught)
+
+
+def test_a_sweep_is_no_job_of_several_ranks(capfd):
+    """It starts its runs itself."""
+    code = main(["sweep", "case.toml", "--vary", "preform.refine=1"])
+    said = "".join(COMM.allgather(capfd.readouterr().err))
+    assert (code, said.count("leave mpirun out")) == ((2, 1) if COMM.size > 1 else (2, 0))

@@ -114,6 +114,10 @@ def same(result, alone):
         np.testing.assert_allclose(moved, wanted, rtol=0, atol=1e-7 * abs(wanted).max())
     zones = gathered(COMM, number, result.zones)
     np.testing.assert_array_equal(zones, alone.zones)
+    told, wanted = (r.experiment.figures(r).get("closed_form", {}) for r in (result, alone))
+    assert told.keys() == wanted.keys()
+    assert told.pop("sentence", "")[:40] == wanted.pop("sentence", "")[:40]
+    assert told == pytest.approx(wanted, rel=1e-6)
 
 
 @BENDING

@@ -70,7 +70,7 @@ def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone):
     assert np.bincount(name).max() == 2
     # Copies of an end agree: the same place, the same values.
     _, first, copy = np.unique(point["node"][~hinge], return_index=True, return_inverse=True)
-    for values in (points, point["displacement"], point["shear_angle_deg"]):
+    for values in (points, point["displacement_m"], point["shear_angle_deg"]):
         np.testing.assert_array_equal(values[~hinge][first][copy], values[~hinge])
 
     # Fields as on one rank, by the crossovers' numbers.
@@ -81,7 +81,7 @@ def test_vtk_reads_what_the_ranks_wrote(tmp_path, result, alone):
     shear = np.rad2deg(fields["shear_angle"])
     np.testing.assert_allclose(point["shear_angle_deg"][hinge], shear[at], atol=1e-5)
     for energy in ENERGIES:
-        by_crossover = np.bincount(cell["crossover"], weights=cell[energy], minlength=n)
+        by_crossover = np.bincount(cell["crossover"], weights=cell[f"{energy}_J"], minlength=n)
         tolerance = 1e-5 * fields[energy].max()
         np.testing.assert_allclose(by_crossover, fields[energy], atol=tolerance, err_msg=energy)
 
@@ -132,10 +132,10 @@ def test_ranks_without_crossovers(tmp_path):
         points, lines, _, cell = read_vtkhdf(path)
         assert len(points) == 5
         assert len(lines) == 4
-        assert cell["shear_energy"].sum() == pytest.approx(0.5)
+        assert cell["shear_energy_J"].sum() == pytest.approx(0.5)
         later, _, _, cell = read_vtkhdf(series, 2.0)
         assert np.ptp(later - points, axis=1) == pytest.approx([0.0] + [0.002] * 4)
-        assert cell["shear_energy"].sum() == pytest.approx(0.5)
+        assert cell["shear_energy_J"].sum() == pytest.approx(0.5)
         assert len(yarns.first) == 2
         assert len(yarns.before) == 6
         assert cells.values["shear"].tolist() == [0.5]

@@ -48,10 +48,10 @@ def test_report_and_comparison(tmp_path):
         assert f'<data value="{float(together["load_n"][-1])!r}">' in page
         assert not list(folder.glob(".*.part"))
     COMM.Barrier()
-    told = compare_command(COMM, str(folder), str(folder / "one"), folder / "compared", LOG)
+    told = compare_command(COMM, [str(folder), str(folder / "one")], folder / "compared", LOG)
     assert all(
         np.abs([value for name, value in figures.items() if name.startswith("rms")]).max() < 1e-7
-        for figures in told["differences"].values()
+        for figures in told["differences"]["a"].values()
     )
     if COMM.rank == 0:
         assert json.loads((folder / "compared" / "comparison.json").read_text()) == told
@@ -63,4 +63,4 @@ def test_every_rank_is_told(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         run_case(COMM, made(folder / "none.csv"), folder, LOG)
     with pytest.raises(InputError, match="does not exist"):
-        compare_command(COMM, str(folder / "a"), str(folder / "b"), folder, LOG)
+        compare_command(COMM, [str(folder / "a"), str(folder / "b")], folder, LOG)

@@ -122,16 +122,10 @@ def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD, quarter=Fal
     fabric, force = cloth(bending="1 N mm", shear=law), np.array([0.0, 0.0, -20.0])
     options = {"yarns_per_cruciform": 2, **options}
     net = network((92.0, 92.0), fabric, comm=comm, **options)
-    edges = None
     if quarter:  # planes of symmetry along yarns
         corners = 46e-3 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         preform = Preform.polygon(corners.tolist(), bias_angle=0.0, origin=(0, 0), **options)
         net, force = Network(comm, preform, fabric), force / 4
-
-        def edges(constraints):
-            for edge in ("left", "lower"):
-                constraints.symmetry(edge)
-
     radius = 20e-3
     above, high = (Pose(np.array([0, 0, z]), OVER) for z in (1e-3, 1e-3 + radius))
     tools = [
@@ -139,7 +133,8 @@ def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD, quarter=Fal
         Tool("holder", shapes.ring(29e-3, 90e-3, 1e-3), 0.2, above),
         Tool("punch", shapes.sphere(radius, shaft=True), 0.2, high),
     ]
-    blank = Blank(net, tools, settings=settings, edges=edges)
+    planes = ("left", "lower") if quarter else ()
+    blank = Blank(net, tools, settings=settings, symmetry=planes)
     plans = [
         StagePlan("close", forces={"holder": force}, step=1 / close),
         StagePlan("draw", {"punch": travel(0, 0, -20e-3)}, step=1 / steps),

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: MIT
 """A small forming: a blank of 13 x 13 yarns pressed into a die by a hemisphere."""
 
+import numpy as np
+import pytest
+
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.net.network import Network
 
@@ -45,11 +48,29 @@ travel = {{ punch = ["0 mm", "0 mm", "-6 mm"] }}
 results = 2
 step = 0.5
 """
+# A punch that is pulled, pushed by a force and pulled back, and a holder that is taken away then.
+LONG = f"""{CASE.replace("step = 0.5", "step = 0.25")}
+[[stage]]
+name = "push"
+force = {{ punch = "6 N" }}
+step = 0.5
+[[stage]]
+name = "back"
+travel = {{ punch = ["0 mm", "0 mm", "0.2 mm"] }}
+remove = ["holder"]
+step = 0.5
+"""
 
 
-def written(folder, *changes):
+STROKE = 6e-3
+
+
+class Stop(Exception):
+    """What kills a forming."""
+
+
+def written(folder, *changes, text=CASE):
     """The case as a file, with pieces of text replaced: (old, new), ..."""
-    text = CASE
     for old, new in changes:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
@@ -63,3 +84,37 @@ def formed(comm, path):
     case = Case.load(path)
     forming = case.forming(Network(comm, case.preform(), case.fabric()))
     return forming, forming.solve()
+
+
+def kept(comm, case, keeper=None, stop=None):
+    """Form a case with a checkpoint; killed after ``stop`` steps (None: not) there is no result."""
+    told = []
+
+    def accepted(step, state):
+        told.append(step)
+        if len(told) == stop:
+            raise Stop
+
+    try:
+        network = Network(comm, case.preform(), case.fabric())
+        return case.forming(network).solve(accepted, keeper)
+    except Stop:
+        return None
+
+
+def same_end(one, other, within=0.0):
+    """Two formings have the same steps and end alike, to a share of the stroke and of the force."""
+    assert [s.increment.control for s in one.steps] == [s.increment.control for s in other.steps]
+    assert [s.increment.asked for s in one.steps] == [s.increment.asked for s in other.steps]
+    assert [s.stage for s in one.steps] == [s.stage for s in other.steps]
+    most = max(np.abs(f).max() for s in other.steps for f in s.tool_force.values())
+    for mine, theirs in zip(one.steps, other.steps, strict=True):
+        for tool in theirs.tool_force:
+            force, place = mine.tool_force[tool], mine.tool_place[tool]
+            np.testing.assert_allclose(force, theirs.tool_force[tool], 0, within * most)
+            np.testing.assert_allclose(place, theirs.tool_place[tool], 0, within * STROKE)
+        assert mine.work == pytest.approx(theirs.work, abs=within * most * STROKE, rel=0)
+        spent, energy = mine.spent | mine.increment.energies, within * most * STROKE
+        wanted = theirs.spent | theirs.increment.energies
+        assert spent == pytest.approx(wanted, abs=energy, rel=0)
+    assert [state.time for state in one.states] == [state.time for state in other.states]

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Surfaces from files: how exact their grids are, what is refused, what is kept in the cache."""
 
+import importlib.util
+import itertools
 import os
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,7 +197,55 @@ def test_formats(tmp_path, ball, name, write):
     assert len(surface.facets()[1]) == len(ball[1])
 
 
-def test_step(tmp_path):
+def balls_script():
+    """scripts/make_tetrahedron.py as a module."""
+    path = Path(__file__).parents[2] / "scripts" / "make_tetrahedron.py"
+    spec = importlib.util.spec_from_file_location("make_tetrahedron", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["tetrahedron", "plate", "rod"])
+def test_long_thin_facets_along_fillets(tmp_path, name):
+    """As modellers write them: 80 mm by 1.6 mm, with others across at their ends.
+
+    Exact is the hull of balls at the corners: planes between three, cylinders between two.
+    """
+    script = balls_script()
+    radius, centres = script.RADIUS, script.corners()
+    script.write(tmp_path / "a.stl")
+    if name != "tetrahedron":
+        centres = {"plate": centres[:3], "rod": centres[[0, 2]]}[name]
+        write_stl(tmp_path / "a.stl", *script.hull_of_balls(centres, radius))
+    surface = from_file(tmp_path / "a.stl", MM, cell=1.5e-3, cache=False)
+    random = np.random.default_rng(2)
+    normals = random.normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    # Where a plane or a cylinder touches: any place between the corners that are farthest out.
+    along = centres @ normals.T
+    at = [centres[along.argmax(axis=0)] + radius * normals]
+    for i, j in itertools.combinations(range(len(centres)), 2):
+        edge = centres[j] - centres[i]
+        across = np.cross(normals, edge)
+        across /= np.linalg.norm(across, axis=1)[:, None]
+        out = (centres @ across.T).max(axis=0) <= centres[i] @ across.T + 1e-9
+        place = centres[i] + random.uniform(size=(len(across), 1)) * edge + radius * across
+        at.append(place[out])
+    off = surface.look(MM * np.concatenate(at))[0]
+    assert abs(off).max() < 2e-4  # chords are off by 0.05 mm, and by 0.2 mm over the ball's poles
+    assert np.sqrt((off**2).mean()) < 5e-5
+
+
+def test_demo_tool_is_what_the_script_makes(tmp_path):
+    script = balls_script()
+    script.write(tmp_path / "a.stl")
+    demo = Path(__file__).parents[2] / "demos" / "tools" / "tetrahedron.stl"
+    assert demo.read_bytes() == (tmp_path / "a.stl").read_bytes()
+
+
+def step_box(path):
+    """A box with round edges as gmsh writes it."""
     gmsh = pytest.importorskip("gmsh")
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
@@ -202,16 +254,38 @@ def test_step(tmp_path):
     gmsh.model.occ.synchronize()
     gmsh.model.occ.fillet([box], [edge[1] for edge in gmsh.model.getEntities(1)], [0.005])
     gmsh.model.occ.synchronize()
-    gmsh.write(str(tmp_path / "box.step"))
+    gmsh.write(str(path))
     gmsh.finalize()
+
+
+@pytest.mark.parametrize("reader", ["cascadio", "gmsh"])
+def test_step(tmp_path, monkeypatch, reader):
+    """Either program gives the box within its facets' error, in metres."""
+    pytest.importorskip(reader)
+    if reader == "gmsh":
+        monkeypatch.setitem(sys.modules, "cascadio", None)
+    step_box(tmp_path / "box.step")
     surface = from_file(tmp_path / "box.step", cell=1e-3, cache=False)
     exact = Box((0.04, 0.03, 0.02), 0.005)
     points = shell(exact, 1000, 1e-3)
     assert np.abs(surface.look(points)[0] - exact.look(points)[0]).max() < 5e-5
     with pytest.raises(InputError, match="must not have the key unit"):
         from_file(tmp_path / "box.step", MM)
+    whole = (tmp_path / "box.step").read_bytes()
+    (tmp_path / "half.stp").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"half.stp\" (cannot be read as STEP|is no|has no)"):
+        from_file(tmp_path / "half.stp")
+
+
+def test_step_without_a_reader(tmp_path, monkeypatch):
+    """Both readers missing are one sentence; what is no STEP file needs none."""
+    for name in ("cascadio", "gmsh"):
+        monkeypatch.setitem(sys.modules, name, None)
+    (tmp_path / "box.step").write_text("ISO-10303-21;\n")
+    with pytest.raises(InputError, match=r"needs cascadio \(pip install cascadio\) or gmsh"):
+        from_file(tmp_path / "box.step")
     (tmp_path / "none.stp").write_text("nothing")
-    with pytest.raises(InputError, match=r"none.stp\" cannot be read as STEP"):
+    with pytest.raises(InputError, match=r"none.stp\" is no STEP file: it does not begin"):
         from_file(tmp_path / "none.stp")
 
 
@@ -219,7 +293,10 @@ def test_heights_as_csv(tmp_path):
     x, y = np.mgrid[-20:21, -10:11]
     rows = np.column_stack([x.ravel(), y.ravel(), x.ravel() ** 2 / 200.0])
     np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="x,y,z", comments="")
+    np.savetxt(tmp_path / "b.csv", rows, delimiter=",", encoding="utf-8-sig")  # as some editors do
     surface = from_file(tmp_path / "a.csv", MM, cell=1e-3, cache=False)
+    same = from_file(tmp_path / "b.csv", MM, cell=1e-3, cache=False)
+    np.testing.assert_array_equal(same.facets()[0], surface.facets()[0])
     assert surface.look(np.array([[0.0, 0.0, 1e-3]]))[0] == pytest.approx(1e-3, abs=1e-5)
 
 

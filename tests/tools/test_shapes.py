@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+import shapely
 from scipy.spatial import cKDTree
 
 from cruciform_petsc.errors import InputError
@@ -215,3 +216,15 @@ def test_touch():
     # from under the flat of a die, which has no end there, back to it
     travel, _ = touch(SHAPES["die"], np.array([[0.15, 0, -1e-3]]), np.array([0, 0, -1.0]))
     assert travel == pytest.approx(-1e-3, abs=1e-10)
+
+
+@pytest.mark.parametrize("turn", [1e-7, -1e-7, 1e-5, -1e-4])
+def test_smooth_points_in_a_nearly_straight_line(turn):
+    """Their arcs have radii of kilometres, and no point far beside one is near it."""
+    slope = Profile([[0.0, 0.0], [0.1, 0.1], [0.2, 0.2 + turn], [0.3, 0.1]], None, turned=False)
+    points = np.random.default_rng(0).uniform(-0.5, 0.8, (2000, 3))
+    chain = shapely.linestrings(slope.outline(1e-6))
+    truth = shapely.distance(chain, shapely.points(points[:, [0, 2]]))
+    above = points[:, 2] > 0.25  # beside the walls, which the chain does not have to the end
+    off = slope.look(points)[0][above] - truth[above]
+    assert abs(off).max() < 1e-5

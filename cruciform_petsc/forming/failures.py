@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""Why a forming cannot go on: which tools, at which nodes, what may help."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import EquilibriumError, typed_before
+from ..parallel import least
+from ..units import format_si
+from .blank import Blank
+from .forming import Formed
+from .measures import narrowest
+from .table import StageTable
+
+BACK = 2  # steps before the last one: where smaller steps are proposed to begin
+NEAR = 2.0  # pitches: around the node where forces are farthest from balance
+CURES = {
+    "PIERCED": "smaller steps (step), more room between tools, or a finer net may help",
+    "CLOSED": "they have to stop earlier, or the cloth has to be thinner",
+}
+
+
+def explain(
+    blank: Blank, stages: Sequence[StageTable], error: EquilibriumError, is_kept: bool
+) -> None:
+    """Say in the error how far it came, which tools press where it stopped, and why. Collective.
+
+    Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help.
+    """
+    formed: Formed = error.result
+    done = formed.steps[-1].increment.control if formed.steps else 0.0
+    number = min(int(done), len(stages) - 1)
+    where, cure = "", CURES.get(error.reason, "")
+    if error.place is not None:
+        x, y = (_length(value) for value in error.place[:2])
+        nodes = "1 node" if error.count == 1 else f"{error.count} nodes"
+        where = f" at {nodes} of the flat blank, {'' if error.count == 1 else 'most '}at "
+        where += f"x = {x}, y = {y}"
+        if error.reason not in CURES:
+            where = f"; forces are out of balance{where}{_pressing(blank, formed, error.place)}"
+    cure = cure or (
+        "smaller steps (step), a softer contact or more viscosity (test.contact) may help; so does "
+        "more room between tools that close on the cloth"
+    )
+    going_on = ""
+    if is_kept and error.reason != "CLOSED":
+        count = len(formed.steps)
+        back = f" --from-step {max(count - BACK, 1)}" if count else ""
+        step = f"stage[{number}].step={0.5 * stages[number].largest_step:.3g}"
+        going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
+    error.args = (
+        f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
+        f'"{stages[number].name}" ({error}, {error.reason}){where}. '
+        f"{cure[0].upper()}{cure[1:]}{going_on}",
+    )
+
+
+def _pressing(blank: Blank, formed: Formed, place: np.ndarray) -> str:
+    """Which tools press on the cloth near a place, and what room they leave. Collective."""
+    if not formed.states:
+        return ""
+    state, rest = formed.states[-1], blank.ply.nodes.rest[blank.touching]
+    near = np.linalg.norm(rest - place, axis=1) < NEAR * blank.network.pitch.max()
+    names = [
+        contact.name
+        for contact in blank.contacts
+        if least(blank.comm, -contact.fields(state)["pressure"][near], 0.0) < 0.0
+    ]
+    if not names:
+        return ", where no tool presses"
+    quoted = " and ".join(f'"{name}"' for name in names)
+    told = f", where tool{'s' if len(names) > 1 else ''} {quoted} press{'es' * (len(names) == 1)}"
+    between = narrowest(blank, state, near)
+    if between is not None and between[0] < blank.thickness:
+        one, other = between[1]
+        told += (
+            f': "{one}" and "{other}" leave {_length(max(between[0], 0.0))}, for cloth of '
+            f"{_length(blank.thickness)}"
+        )
+    return told
+
+
+def _length(value: float) -> str:
+    return format_si(float(f"{value:.4g}") + 0.0, "m")

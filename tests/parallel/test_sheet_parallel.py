@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: MIT
+"""A membrane among tools on several ranks against one rank alone."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from support.formed import HARD, formed, hemisphere
+
+from cruciform_petsc.continuum.sheet import MembraneBlank
+from cruciform_petsc.forming.measures import DrawIn
+
+pytestmark = pytest.mark.three_ranks
+
+
+def test_a_hemisphere():
+    """The same mesh, steps, forces, draw-in, places and shear angles."""
+    points = np.stack(np.meshgrid(*2 * [np.linspace(-0.045, 0.045, 9)]), axis=-1).reshape(-1, 2)
+    results = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        of_net, plans = hemisphere(comm, steps=5)
+        blank = MembraneBlank(of_net.network, of_net.tools, 1 / 120, settings=HARD)
+        steps, states = formed(blank, *plans)
+        shape = blank.ply.at(blank.of_cloth(states[-1]), points)
+        total = comm.allreduce(float(blank.area.sum()))
+        results.append((blank, steps, DrawIn(blank).largest(states[-1]), *shape, total))
+    (blank, steps, drawn, u, gamma, area), (alone, expected, *fields) = results
+    assert blank.nodes.num_nodes_global == alone.nodes.num_nodes_global
+    assert area == pytest.approx(fields[-1], rel=1e-12)
+    assert len(steps) == len(expected)
+    for tool, force in expected[-1].tool_force.items():
+        np.testing.assert_allclose(steps[-1].tool_force[tool], force, atol=1e-3)
+    assert drawn == pytest.approx(fields[0], abs=1e-6)
+    np.testing.assert_allclose(u, fields[1], atol=2e-6)
+    np.testing.assert_allclose(gamma, fields[2], atol=1e-4)
