@@ -51,8 +51,8 @@ class Run:
     friction: float = 0.2
     contact: ContactSettings = field(default=CONTACT)
 
-    def blank(self) -> Blank:
-        """The cloth among its tools."""
+    def blank(self, own_contact: bool = False) -> Blank:
+        """The cloth among its tools, with the program's contact if asked."""
         yarns = self.crossovers / SIDE
         yarn = {
             "modulus": "520 N/cm",
@@ -84,7 +84,8 @@ class Run:
             Tool("punch", shapes.sphere(RADIUS, shaft=True), mu, punch),
         ]
         network = Network(COMM, preform, fabric)
-        return Blank(network, tools, settings=self.contact, waves=(0.01 * THICKNESS, 1))
+        settings = None if own_contact else self.contact
+        return Blank(network, tools, settings=settings, waves=(0.01 * THICKNESS, 1))
 
     def plans(self) -> list[StagePlan]:
         """Close, draw."""
@@ -197,6 +198,8 @@ def main() -> None:
     parser.add_argument("--fine", action="store_true", help="with --vary: half the pitch, long")
     parser.add_argument("--crossovers", type=int, help="along a side, in place of the case's")
     parser.add_argument("--step", type=float, help="of the stroke, in place of 0.1")
+    parser.add_argument("--stiffness", type=float, help="of contact, in place of 2e7 N/m^3")
+    parser.add_argument("--viscosity", type=float, help="in place of 20 N s/m^3")
     parser.add_argument("--own-contact", action="store_true", help="the program's contact")
     parser.add_argument("--verbose", action="store_true", help="a line for each step")
     arguments = parser.parse_args()
@@ -209,7 +212,10 @@ def main() -> None:
         if arguments.step:
             run = replace(run, step=arguments.step)
         if arguments.own_contact:
-            run = replace(run, contact=ContactSettings.of(run.blank().network.fabric))
+            run = replace(run, contact=run.blank(own_contact=True).settings)
+        given = {key: getattr(arguments, key) for key in ("stiffness", "viscosity")}
+        given = {key: value for key, value in given.items() if value is not None}
+        run = replace(run, contact=replace(run.contact, **given))
         table = Table(
             f"{name}: holder {run.holder:g} N, bending {run.bending:g} N m, {run.contact}",
             "run", "crossovers", "unknowns", "steps", "rounds", "Newton", "indefinite", "cuts",

@@ -13,7 +13,7 @@ from .state import Found, State
 SETTLED = 1e-3
 MOST_ROUNDS = 30
 # A first round seeks equilibrium only as well as what it takes as given is worth.
-FIRST = 100.0  # times the tolerance
+FIRST = 10.0  # times the tolerance
 
 
 def settle(equilibrium: Equilibrium, guess: State) -> Found:

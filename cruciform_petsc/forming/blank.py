@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -57,16 +57,22 @@ class ContactSettings:
     viscosity: float
 
     @classmethod
-    def of(cls, fabric: Fabric) -> ContactSettings:
-        """What suits a fabric.
+    def of(cls, fabric: Fabric, length: float) -> ContactSettings:
+        """What suits a fabric, and a blank of it of some length [m].
 
-        A pressure that strains its yarns by 1 % over a radius of fifty thicknesses compacts it by
-        half its thickness on either side; friction slips elastically by a hundredth of it; a
-        viscous sheet that sinks as far in a second takes a millionth of that pressure.
+        A pressure that strains its yarns by 1 % over a radius of ten thicknesses compacts it by
+        half its thickness on either side; friction slips elastically by a hundredth of it.
+
+        Viscosity is to choose a way, not to hold cloth up: a strip as long as the blank, held at
+        one end and bent, comes to rest as exp(-t/T), T = c (length/1.875)^4 / B (a cantilever's
+        first mode, which flows as B d^4w/dx^4 = -c dw/dt). T is a tenth of a stage. c length^2
+        is 1e-8 s of the yarns' stiffness besides: a sheet that nothing holds must not float away.
         """
         thickness = fabric.needed("thickness", "contact")
-        stiffness = 4e-4 * 0.5 * (fabric.c11 + fabric.c22) / thickness**2
-        return cls(stiffness, 0.2 * thickness, 0.01 * thickness, 1e-6 * stiffness)
+        modulus = 0.5 * (fabric.c11 + fabric.c22)
+        bending = 0.5 * sum(law.stiffness0 for law in fabric.out_of_plane("forming"))
+        viscosity = 0.1 * bending * (1.875 / length) ** 4 + 1e-8 * modulus / length**2
+        return cls(2e-3 * modulus / thickness**2, 0.2 * thickness, 0.01 * thickness, viscosity)
 
 
 class Blank:
@@ -126,8 +132,10 @@ class Blank:
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
         self.thickness = fabric.needed("thickness", "contact with a tool")
-        self.settings = settings = settings or ContactSettings.of(fabric)
         self.symmetry = frozenset(symmetry)
+        self.settings = settings = settings or ContactSettings.of(
+            fabric, length_of(network, self.symmetry)
+        )
         self.factors = factors or {}
         self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
@@ -254,3 +262,10 @@ class Blank:
 def push_name(tool: str, axis: int) -> str:
     """Name of the load that pushes a tool along x, y or z."""
     return f"force on {tool} along {'xyz'[axis]}"
+
+
+def length_of(network: Network, symmetry: Collection[str] = ()) -> float:
+    """The longer side of the whole blank's bounding box, m."""
+    doubled = [1 + ("left" in symmetry or "right" in symmetry)]
+    doubled += [1 + ("lower" in symmetry or "upper" in symmetry)]
+    return float((network.preform.size * doubled).max())

@@ -25,7 +25,7 @@ from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from ..units import format_si
-from .blank import Blank, ContactSettings
+from .blank import Blank, ContactSettings, length_of
 from .failures import explain
 from .forming import Formed, FormingStep, form
 from .table import (
@@ -132,7 +132,8 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric), **{key: q.si for key, q in told.items() if q is not None}
+            ContactSettings.of(fabric, length_of(network, test.symmetry)),
+            **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
         self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)

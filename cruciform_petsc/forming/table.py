@@ -24,7 +24,7 @@ from ..tools.tool import Curve, Place, ToolTable, TurnTable, motion
 from ..units import Quantity, format_si
 from .press import LARGEST_STEP, StagePlan
 
-STILL_STEP = 0.25  # of a stage without travel; in one step cloth may slide before friction holds it
+STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
 PRESSURES = ("pressure", "suction")
 TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", *PRESSURES, "viscosity")

@@ -17,12 +17,18 @@ class Pushed:
     """A spring of 1 N/m pushed by 10 N less ``back`` times where it is, as that was before."""
 
     def __init__(self, back):
-        self.back, self.model, self.solved = back, SimpleNamespace(lagged=self.lagged), 0
+        self.back, self.model, self.loose = back, SimpleNamespace(lagged=self.lagged), []
 
-    def solve(self, guess):
-        self.solved += 1
+    @property
+    def solved(self):
+        """How often equilibrium was sought."""
+        return len(self.loose)
+
+    def solve(self, guess, loose):
+        """As well as is asked for, no better."""
+        self.loose.append(loose)
         x = np.full((1, 3), guess.memory["push"]["force"])
-        return Found(replace(guess, x=x), {}, x, 2, 0.0, 1.0, [1.0, 0.0], 1, 3, 0.5)
+        return Found(replace(guess, x=x), {}, x, 2, loose, 1.0, [1.0, loose], 1, 3, 0.5)
 
     def lagged(self, state):
         force = 10.0 - self.back * state.x[0, 0]
@@ -46,6 +52,21 @@ def test_it_settles(back):
     assert found.iterations == 2 * found.rounds
     assert (found.shifted, found.linear_iterations) == (found.rounds, 3 * found.rounds)
     assert found.seconds == pytest.approx(0.5 * found.rounds)
+
+
+@pytest.mark.parametrize("known", [0.0, 10.0])
+def test_only_the_first_round_is_loose(known):
+    """What is taken as given may be right at once: equilibrium is sought well all the same."""
+    pushed, begin = Pushed(0.0), start()
+    found = settle(pushed, replace(begin, memory={"push": {"force": known}}))
+    assert pushed.loose == [lagged.FIRST, 1.0]
+    assert found.residual <= found.tolerance
+    # What has no memory lags behind nothing.
+    pushed = SimpleNamespace(
+        solve=lambda guess, loose: Found(guess, {}, guess.x, 1, loose, 1.0, [], 0, 0, 0.0),
+        model=SimpleNamespace(lagged=lambda state: (state, 0.0, 0.0)),
+    )
+    assert settle(pushed, replace(begin, memory={})).rounds == 1
 
 
 def test_it_does_not_settle():

@@ -68,11 +68,13 @@ def test_plates_that_leave_no_room(tmp_path, capfd):
 
 def test_a_pushed_plate_may_press_the_cloth_flat(tmp_path):
     """A force finds its height, whatever room is left."""
-    push = CLOSE.replace('travel = { stamp = ["0 mm", "0 mm", "-1.05 mm"] }', 'force.stamp = "9 N"')
+    push = CLOSE.replace(
+        'travel = { stamp = ["0 mm", "0 mm", "-1.05 mm"] }', 'force.stamp = "45 N"'
+    )
     case = Case.load(written(tmp_path, (TOOLS, PLATES), (STAGES, push)))
     step = kept(COMM, case).steps[-1]
     assert step.tool_place["stamp"][2] < 0.0
-    assert step.tool_force["stamp"][2] == pytest.approx(-9.0)
+    assert step.tool_force["stamp"][2] == pytest.approx(-45.0)
 
 
 def test_a_tool_deep_in_the_cloth(tmp_path):

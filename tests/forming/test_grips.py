@@ -2,6 +2,7 @@
 """Cloth that is held: between flat plates, on a slope, on plates that turn and move."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from support.formed import HARD, OVER, THICKNESS, Gripped, cloth, formed, load, 
 
 from cruciform_petsc.forming.blank import Blank, ContactSettings
 from cruciform_petsc.forming.press import StagePlan
+from cruciform_petsc.items.contact import Contact
 from cruciform_petsc.tools import shapes
 from cruciform_petsc.tools.motion import Motion, Pose
 from cruciform_petsc.tools.tool import Tool
@@ -135,3 +137,49 @@ def test_a_tool_is_pushed_by_a_force_and_taken_away():
     assert np.isnan(states[-1].memory["holder"]["anchor"]).all()
     # It stays where it was left, free of all force.
     assert steps[-1].tool_force["holder"] == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_cloth_touches_and_is_pulled_at_once():
+    """A holder closes while a pull below 2 mu N grows, in a single step: cloth slips elastically.
+
+    Friction that holds what touches anew only from where it lies by then let it slide for
+    millimetres, as nothing but viscosity kept it back till then.
+    """
+    net = network((25, 8.4), STIFF, yarns_per_cruciform=2)
+    pull = load(right, (0.9 * 2 * MU * FORCE, 0.0, 0.0))
+    blank = Blank(net, plates(), settings=HARD, further=[pull], factors={"pull": 0.0})
+    at_once = replace(CLOSE, factors={"pull": 1.0})
+    _, states = formed(blank, at_once)
+    at = blank.cloth_at[blank.ply.active]
+    moved = abs(states[-1].x[at] - blank.nodes.rest[at])[:, :2]
+    assert moved.max() < 6 * HARD.slip  # the slip, what the strip stretches by and shears
+    assert states[-1].memory["bed"]["spent"].sum() < 2e-5 * 2 * MU * FORCE
+
+
+def test_cloth_touches_on_its_way():
+    """A node that comes to a plate within a step is anchored where its way met the plate."""
+    contact = Contact(
+        "bed", shapes.plane(), np.array([0]), 1, np.array([1e-5]), 0.0, 2e7, 2e-4, MU, 1e-5
+    )
+    hold = SimpleNamespace(rotations={})
+
+    def at(place, memory):
+        x = np.array([place, [0.0, 0.0, 0.0]])
+        return SimpleNamespace(x=x, hold=hold, factors={}, memory=memory)
+
+    above = contact.accepted(at([0.0, 0.0, 3e-3], {}))
+    assert np.isnan(above["anchor"]).all()
+    below = at([4e-3, 8e-3, -1e-3], {"bed": above})
+    for _ in range(2):  # as often as it is asked
+        memory = contact.lagged(below)[0]
+        np.testing.assert_allclose(memory["anchor"], [[3e-3, 6e-3, 0.0]], atol=1e-12)
+        below.memory = {"bed": memory}
+    # It slides on from there, all but the elastic slip; lifted, it forgets.
+    slid = contact.accepted(below)
+    np.testing.assert_allclose(slid["anchor"][0, :2], [4e-3, 8e-3], atol=1.01e-5)
+    assert slid["spent"].sum() == pytest.approx(
+        MU * memory["pressed"][0] * (np.hypot(1e-3, 2e-3) - 1e-5)
+    )
+    lifted = contact.accepted(at([4e-3, 8e-3, 1e-3], {"bed": slid}))
+    assert np.isnan(lifted["anchor"]).all()
+    assert lifted["fresh"].all()

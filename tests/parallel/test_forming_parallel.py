@@ -57,8 +57,9 @@ def test_a_hemisphere():
     assert abs(alone["moved"][:, 2]).max() > 0.9 * STROKE
     for name, values in alone.items():
         # Places in metres; forces in newton, of 20 N; energies in joule.
-        scale = STROKE if name == "moved" or "anchor" in name else 1.0 if "normal" in name else 20.0
-        off = np.nan_to_num(fields[name]) - np.nan_to_num(values)
+        place = name.endswith(("moved", "anchor", "place"))
+        scale = STROKE if place else 1.0 if "normal" in name else 20.0
+        off = np.nan_to_num(1.0 * fields[name]) - np.nan_to_num(values)
         if "normal" in name:  # on a tool's axis there is none
             off[alone[name.replace("normal", "pressed")] == 0.0] = 0.0
         assert (np.isnan(fields[name]) == np.isnan(values)).all(), name
