@@ -90,7 +90,7 @@ TEST = 'imperfection = { height = "0 mm" }'
         ("results = 2", "results = 0", "stage[1].results must be a whole number from 1 up, got 0"),
         ("step = 0.5", "step = 2.0", "stage[1].step must be a share of the stage from 0.0001 to 1"),
         ("step = 0.5", "steps = 0.5", '[stage[1]] has the unknown key "steps" (did you mean'),
-        ('title = "Cup"', "output = { exports = true }", "output.exports is not for forming"),
+        ('title = "Cup"', "output = { scene = true }", "output.scene is not for forming"),
         (
             'title = "Cup"',
             "continuum = { second_gradient = true }",
