@@ -156,7 +156,8 @@ class Waves:
             for tool, a in zip(tools, along, strict=True)
         ]
         w = [
-            np.where(n, o / abs(a), 0.0) for n, o, a in zip(near, off[:, 3:].T, along, strict=True)
+            np.where(n, o / np.where(n, abs(a), 1.0), 0.0)
+            for n, o, a in zip(near, off[:, 3:].T, along, strict=True)
         ]
         again = wide(u[:, None])
         again = (again - neighbours.mean(again, s))[hinge, 0]
