@@ -35,8 +35,6 @@ class Path:
         Reached, N; where loads are asked for.
     begin : float
         Control at which the stage began.
-    support : float
-        Largest forces that have held a state, N: scale of what is called none.
     """
 
     states: list[State]
@@ -44,7 +42,6 @@ class Path:
     allowed: float | None = None
     load: float = 0.0
     begin: float = 0.0
-    support: float = 0.0
 
     @property
     def state(self) -> State:
@@ -92,7 +89,6 @@ def follow(
     """
     path = start if isinstance(start, Path) else Path([start], begin=start.time)
     done: list[Step] = []
-    equilibrium.most_support = max(equilibrium.most_support, path.support)
     while path.target < len(stage.targets):
         aim = (_Load if stage.by_load else _Place)(equilibrium, stage, path)
         solved: list[Found] = []
@@ -124,7 +120,6 @@ def follow(
                 found = replace(found, energies=equilibrium.model.energies(last))
                 solved[-1] = found
             path.append(last)
-            path.support = equilibrium.most_support
             if aim.reached:
                 path.target += 1
                 path.allowed = None if stage.carry_on else path.allowed

@@ -97,7 +97,6 @@ class _Path(_Table):
     allowed: float | None
     load: Annotated[float, Field(gt=-MOST, lt=MOST)]
     begin: float
-    support: Annotated[float, Field(ge=0.0, lt=MOST)]
 
 
 class _Run(_Table):

@@ -534,7 +534,6 @@ FORGED = {
         [step["energies"].update({"\x1b[2J": 1.0}) for step in data["run"]["increments"]] and None
     ),
     "a path's load that overflows": setting("run", "path", "load", 1e300),
-    "forces below nothing": setting("run", "path", "support", -1.0),
     "rows beyond 32 bits": setting("rows", [2**31]),
     "a long name": setting("run", "determines", {"x" * 1_000_000: 1}),
     "a long case": setting("run", "case", "title", "x" * 1_000_000),
