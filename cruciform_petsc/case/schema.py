@@ -96,8 +96,8 @@ class OutputTable(Table):
     """Files for other codes (docs/exports.md): crossovers.csv and preform.inp, of a forming
     cells.csv and decks for Abaqus, CalculiX and OpenRadioss."""
     part_outline: OutlineTable | None = None
-    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; a
-    rectangle lies around it. Mapped back onto the flat blank it is the net pattern.
+    """Of a forming: what the formed cloth is trimmed to, in plan, from the centre of the blank; all
+    but polygons and drawings lie around it. Mapped back onto the flat blank it is the net pattern.
     Example: `{ rectangle = ["160 mm", "120 mm"] }`"""
     report: bool | None = None
     """report.html, one page with everything; by default if pictures are on. Example: `true`"""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Outlines from drawings, DXF (ezdxf) and SVG (svgpathtools): closed lines, and names of edges.
+"""Outlines from drawings, DXF (ezdxf) and SVG (svgelements): closed lines, and names of edges.
 
 Lines, arcs and curves are joined where their ends meet. The closed line around all others is the
 outline, those within it are holes. What is drawn on a layer (DXF; not "0") or has a label or an id
@@ -9,7 +9,7 @@ outline, those within it are holes. What is drawn on a layer (DXF; not "0") or h
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ _CHORD = 1e-4  # of the drawing's size: how far chords of a curve may be from it
 _POINTS = 48  # on each curve of an SVG
 _INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 13: 1e-6, 14: 0.1}  # m
 _CSS = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "pt": 0.0254 / 72, "pc": 0.0254 / 6}  # m
+_PPI = 96.0  # pixels to the inch, of SVG
 _INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}label"
 
 Lines = list[tuple[str, np.ndarray]]  # name of the edge or "", points (n, 2)
@@ -157,41 +158,43 @@ def _dxf(path: Path) -> tuple[Lines, float | None]:
 def _svg(path: Path) -> tuple[Lines, float | None]:
     """Lines of all shapes with their transforms, y upwards, and metres per user unit."""
     try:
-        from svgpathtools import Document, Line
+        from svgelements import SVG, Close, Line, Matrix, Shape
+        from svgelements import Path as Curve
     except ImportError as error:
-        raise _needs("svgpathtools", path, error) from None
+        raise _needs("svgelements", path, error) from None
     path.open("rb").close()
     try:
-        drawing = Document(str(path))
-        shapes = drawing.paths()
+        drawing = SVG.parse(str(path), reify=True, ppi=_PPI)
+        shapes = [shape for shape in drawing.elements() if isinstance(shape, Shape)]
+        pixels = abs(Matrix(drawing.viewbox_transform or "").a)  # of a user unit
+        unit = _svg_unit(drawing.values["attributes"])
     except Exception as error:  # a parser's, of XML, numbers or paths
         raise InputError(f'"{path}" is no SVG file, or is damaged: {error}') from None
     lines: Lines = []
     for shape in shapes:
-        name = shape.element.get(_INKSCAPE) or shape.element.get("id") or ""
-        for part in shape.continuous_subpaths():
-            points = np.array(list(_points(part, Line)))
-            lines.append((name, np.stack([points.real, -points.imag], axis=1)))
-    return lines, _svg_unit(drawing.tree.getroot(), path)
+        own = shape.values["attributes"]
+        name = own.get(_INKSCAPE) or own.get("id") or ""
+        for part in map(Curve, Curve(shape).as_subpaths()):
+            points = np.array(list(_points(part, (Line, Close)))) / pixels
+            lines.append((name, points * (1.0, -1.0)))
+    return lines, unit
 
 
-def _points(curve: Sequence[Any], straight: type) -> Iterator[complex]:
-    """Points of a curve in order, its end included."""
-    for piece in curve:
-        steps = 1 if isinstance(piece, straight) else _POINTS
-        yield from (piece.point(i / steps) for i in range(steps))
-    yield curve[-1].end
+def _points(curve: Sequence[Any], straight: tuple[type, ...]) -> Iterator[tuple[float, float]]:
+    """Points of a curve in order; its first piece is the move to where it begins."""
+    yield curve[0].end
+    for piece in curve[1:]:
+        if piece.end is not None:
+            steps = 1 if isinstance(piece, straight) else _POINTS
+            yield from (piece.point((i + 1) / steps) for i in range(steps))
 
 
-def _svg_unit(root: Any, path: Path) -> float | None:
+def _svg_unit(root: Mapping[str, Any]) -> float | None:
     """Metres per user unit, by a width with a unit and the viewBox, if there is one."""
-    width = re.fullmatch(r"\s*([\d.]+(?:e-?\d+)?)\s*(mm|cm|in|pt|pc)\s*", root.get("width", ""))
+    width = re.fullmatch(r"\s*([\d.]+(?:e-?\d+)?)\s*(mm|cm|in|pt|pc)\s*", str(root.get("width")))
+    box = [float(x) for x in str(root.get("viewBox", "")).replace(",", " ").split()]
+    if len(box) not in (0, 4) or (box and not box[2] > 0.0):
+        raise ValueError(f"its viewBox is {shown(root['viewBox'])}")
     if width is None:
         return None
-    box = root.get("viewBox", "").replace(",", " ").split()
-    try:
-        user = float(box[2]) if box else float(width[1]) * _CSS[width[2]] * 96.0 / 0.0254
-        return float(width[1]) * _CSS[width[2]] / user
-    except (ValueError, IndexError, ZeroDivisionError):
-        box = root.get("viewBox")
-        raise InputError(f'"{path}" has a viewBox that cannot be read: {shown(box)}') from None
+    return float(width[1]) * _CSS[width[2]] / box[2] if box else 0.0254 / _PPI

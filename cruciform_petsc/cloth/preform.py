@@ -255,7 +255,7 @@ class Preform:
             )
 
     def along_yarns(self, whose: str) -> shapely.Polygon:
-        """Outline by coordinates along warp and weft [m]; InputError unless its sides do.
+        """Outline along warp and weft [m]; InputError unless its sides follow yarns, without slits.
 
         ``whose``: need it is, for the InputError.
         """
@@ -432,7 +432,7 @@ class OutlineTable(Table):
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
     file: Name | None = None
-    """A drawing, DXF (ezdxf) or SVG (svgpathtools), relative to the case file's folder: the line
+    """A drawing, DXF (ezdxf) or SVG (svgelements), relative to the case file's folder: the line
     around all others, those within it are holes. Layers of a DXF (not "0"), labels and ids of an
     SVG name edges. Example: `"blank.dxf"`"""
     unit: Annotated[Quantity, Of("m", column=True)] | None = None

@@ -33,7 +33,6 @@ RELATIVE_RESIDUAL = 1e-8
 ROUNDING = 1e-16
 MAX_ITERATIONS = 30
 MEMORY = 2  # earlier steps whose energies may be reached again
-RELEASED = 1e-3  # of the largest forces that have held: what is let go is at rest to that scale
 FIRST_SHIFT, LAST_SHIFT = 1e-7, 1e2  # of the diagonal
 
 
@@ -93,7 +92,6 @@ class Equilibrium:
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
         self._shifted, self._shift, self._loose = 0, FIRST_SHIFT, 1.0
-        self._most = 0.0  # support so far, N
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -167,8 +165,6 @@ class Equilibrium:
     def _tolerance(self) -> float:
         """What residual is called none, N."""
         support = self._last.support if self._last else 0.0
-        self._most = max(self._most, support)
-        support = max(support, RELEASED * self._most)
         return self.relative_residual * support + ROUNDING * self.model.extent * self._size
 
     @callback

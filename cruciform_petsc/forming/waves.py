@@ -36,7 +36,7 @@ from .measures import yarn_directions
 
 LONGEST = 0.04  # m: wavelength L up to which waves are measured whole,
 LARGE = 0.5  # of the blank's smaller side at most,
-COARSE = 6.0  # pitches at least
+COARSE = 4.0  # pitches at least
 SPREAD = 0.39  # s/L: leaves 5 % of a wave as long as L in the mean
 AROUND = 0.75  # of L: how far a crest looks for a trough, along the yarns
 ALONG = 0.5  # n . m of a tool that lies along the cloth,
@@ -51,11 +51,14 @@ class Neighbours:
     Values are over a ply's local nodes, (n_local, ...); only those at hinges are looked at.
     """
 
-    def __init__(self, blank: Blank):
-        ply, nodes = blank.ply, blank.ply.nodes
+    def __init__(self, blank: Blank, carrying: np.ndarray):
+        nodes = blank.ply.nodes
         self.halo, self.pitch = nodes.halo, blank.network.pitch
         after = nodes.after_hinge
-        joined = (after >= 0) & ply.supports.carrying[:, None] & ply.carries[after]
+        carries = np.zeros(nodes.num_nodes_local, bool)
+        carries[nodes.of_hinge] = carrying
+        self.halo.forward(carries)
+        joined = (after >= 0) & carrying[:, None] & carries[after]
         self._pairs = [(nodes.of_hinge[j], a[j]) for j, a in zip(joined.T, after.T, strict=True)]
         ones = np.ones(nodes.num_nodes_local)
         self.inner = [self.beside(ones, family)[0] == 2.0 for family in (0, 1)]
@@ -125,10 +128,12 @@ class Waves:
     @classmethod
     def of(cls, blank: Blank, state: State, pressure: np.ndarray) -> Waves:
         """Measure a state, with the pressure at this rank's crossovers. Collective."""
-        neighbours, hinge = Neighbours(blank), blank.ply.nodes.of_hinge
+        cloth, hinge = blank.of_cloth(state), blank.ply.nodes.of_hinge
+        carrying = blank.ply.carrying(cloth)
+        neighbours = Neighbours(blank, carrying)
         longest = min(LONGEST, LARGE * float(blank.network.preform.size.min()))
         longest = max(longest, COARSE * float(blank.network.pitch.max()))
-        s, x = SPREAD * longest, blank.of_cloth(state).x
+        s, x = SPREAD * longest, cloth.x
         direction = np.stack(yarn_directions(blank, state))
         curvature_vector = _bent(neighbours, x)[:, hinge]
         curvature_vector -= (curvature_vector * direction).sum(axis=2)[..., None] * direction
@@ -151,7 +156,8 @@ class Waves:
             for tool, a in zip(tools, along, strict=True)
         ]
         w = [
-            np.where(n, o / abs(a), 0.0) for n, o, a in zip(near, off[:, 3:].T, along, strict=True)
+            np.where(n, o / np.where(n, abs(a), 1.0), 0.0)
+            for n, o, a in zip(near, off[:, 3:].T, along, strict=True)
         ]
         again = wide(u[:, None])
         again = (again - neighbours.mean(again, s))[hinge, 0]
@@ -183,7 +189,7 @@ class Waves:
             of_tools = np.where(np.column_stack(near), heights[:, 2:], np.inf).min(axis=1)
             height = np.where(np.isinf(of_tools), height, of_tools)
         height = np.minimum(height, goes_both_ways[:, 1])
-        nothing = ~blank.ply.supports.carrying | np.isnan(normal[:, 0])
+        nothing = ~carrying | np.isnan(normal[:, 0])
         height[nothing], bridging[nothing] = np.nan, np.nan
         curvature = (curvature_vector * normal).sum(axis=2).T
         return cls(normal, curvature, curvature - tools_curvature, height, bridging, longest)

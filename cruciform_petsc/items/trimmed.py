@@ -12,7 +12,7 @@ import shapely
 from ..elements.level import FORCE, STIFFNESS
 from .item import Item, Placed, Work
 
-LEFT = 1e-6  # of all that acts: scrap lies where it fell, held by viscosity and between tools
+LEFT = 1e-3  # of all that acts: scrap lies where it fell, held by viscosity and between tools
 
 
 class Trimmed:

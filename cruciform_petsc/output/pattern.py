@@ -88,8 +88,9 @@ def mapped_back(
     lines = [shapely.segmentize(r, FINE * pitch) for r in (part.exterior, *part.interiors)]
     curve = np.concatenate([np.asarray(line.coords)[:, :2] for line in lines])
     ring = np.repeat(np.arange(len(lines)), [len(line.coords) for line in lines])
-    place = blank.of_cloth(state).x[blank.ply.nodes.of_hinge]
-    cells = lattice_cells(network, place, blank.ply.supports.carrying)
+    cloth = blank.of_cloth(state)
+    place = cloth.x[blank.ply.nodes.of_hinge]
+    cells = lattice_cells(network, place, blank.ply.carrying(cloth))
     full = (cells.corner >= 0).all(axis=1)
     halves = [(cells.corner[:, at] >= 0).all(axis=1) for at in _TRIANGLES]
     halves = [good & (full if k < 2 else ~full) for k, good in enumerate(halves)]

@@ -20,6 +20,7 @@ from . import shapes
 from .motion import Motion, Pose
 from .profile import Profile
 from .sampled import REACH, from_file
+from .sector import Sector
 from .surface import Look, Surface, touch
 
 if TYPE_CHECKING:
@@ -231,9 +232,23 @@ class RingTable(Table):
     """Of the ring."""
     edge_radius: Size | None = None
     """Of its rims; the default is 2 % of the ring's width. Example: `"5 mm"`"""
+    begin: Annotated[Quantity, Of("rad")] | None = Field(alias="from", default=None)
+    """Of a sector, by half a turn at most: angle from x towards y where it begins; with to. A
+    segment of a holder. Example: `"-45 deg"`"""
+    end: Annotated[Quantity, Of("rad")] | None = Field(alias="to", default=None)
+    """Where it ends. Example: `"45 deg"`"""
+
+    @model_validator(mode="after")
+    def _both_angles(self) -> RingTable:
+        if (self.begin is None) != (self.end is None):
+            raise ValueError("needs both from and to, or none of them")
+        return self
 
     def build(self) -> Surface:
         """Make it."""
+        if self.begin is not None and self.end is not None:
+            edge, (begin, end) = _si(self.edge_radius), (self.begin.si, self.end.si)
+            return Sector(self.inner_radius.si, self.outer_radius.si, begin, end, edge)
         return shapes.ring(self.inner_radius.si, self.outer_radius.si, _si(self.edge_radius))
 
 

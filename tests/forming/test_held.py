@@ -186,3 +186,25 @@ def test_a_cup_is_trimmed_and_springs_back(tmp_path):
     assert before["off"].shear_max < before["draw"].shear_max
     for force in result.steps[-1].tool_force.values():
         assert abs(force[2]) < 1e-3
+
+
+def test_a_holder_in_segments(tmp_path):
+    """Four sectors, each with a force and a height of its own; the die bears them all."""
+    die = CASE[CASE.index("[[tool]]") : CASE.index('[[tool]]\nname = "punch"')]
+    names = ("east", "north", "west", "south")
+    sectors = "".join(
+        f'[[tool]]\nname = "{name}"\nshape.ring = {{ inner_radius = "16 mm", '
+        f'outer_radius = "60 mm", from = "{90 * k - 44} deg", to = "{90 * k + 44} deg" }}\n'
+        for k, name in enumerate(names)
+    )
+    forces = ", ".join(
+        f'{name} = "{force} N"' for name, force in zip(names, (1, 2, 1, 4), strict=True)
+    )
+    close = f'[[stage]]\nname = "close"\nforce = {{ {forces} }}\n'
+    (tmp_path / "case.toml").write_text(HEAD + die + sectors + close)
+    last = formed(COMM, tmp_path / "case.toml")[1].steps[-1]
+    assert [last.tool_force[name][2] for name in names] == [-1.0, -2.0, -1.0, -4.0]
+    assert last.tool_force["die"][2] == pytest.approx(8.0, rel=1e-3)
+    heights = [last.tool_place[name][2] for name in names]
+    assert heights[0] == pytest.approx(heights[2], abs=1e-6)
+    assert heights[3] < heights[1] - 1e-6 < heights[0] - 2e-6

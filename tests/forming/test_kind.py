@@ -93,7 +93,7 @@ def test_edges_whose_draw_in_is_told(outline, own, told):
     table = {"outline": outline, "bias_angle": "0 deg", "edges": own}
     preform = PreformTable.from_data(table, "preform").build().centred()
     network = Network(COMM, preform, Fabric.from_library("glass-pp-plain-1.93"))
-    assert DrawIn(SimpleNamespace(network=network)).edges == told
+    assert DrawIn(SimpleNamespace(network=network, symmetry=())).edges == told
 
 
 def test_removed_tools_press_no_more(tmp_path):

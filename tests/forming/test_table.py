@@ -48,6 +48,11 @@ TEST = 'imperfection = { height = "0 mm" }'
             'ring = { iner_radius = "20 mm"',
             '[tool[2].shape.ring] has the unknown key "iner_radius" (did you mean "inner_radius"?)',
         ),
+        (
+            'ring = { inner_radius = "20 mm"',
+            'ring = { from = "20 deg", inner_radius = "20 mm"',
+            "tool[2].shape.ring needs both from and to, or none of them",
+        ),
         (CLOSE, 'force = { holdr = "5 N" }', "there is no tool 'holdr' (did you mean \"holder\"?"),
         (CLOSE, 'force = { holder = "5 mm" }', "line 30: stage[0].force.holder = \"5 mm\" has the"),
         (CLOSE, 'force = { holder = "-5 N" }', "stage[0].force.holder must be positive, towards"),
@@ -90,7 +95,6 @@ TEST = 'imperfection = { height = "0 mm" }'
         ("results = 2", "results = 0", "stage[1].results must be a whole number from 1 up, got 0"),
         ("step = 0.5", "step = 2.0", "stage[1].step must be a share of the stage from 0.0001 to 1"),
         ("step = 0.5", "steps = 0.5", '[stage[1]] has the unknown key "steps" (did you mean'),
-        ('title = "Cup"', "output = { exports = true }", "output.exports is not for forming"),
         (
             'title = "Cup"',
             "continuum = { second_gradient = true }",

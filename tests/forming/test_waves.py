@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Height of wrinkles and bridged hollows, of shapes that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import shapely
 from mpi4py import MPI
 from support.formed import Gripped, network
 
@@ -108,14 +111,33 @@ def test_a_sine_has_its_amplitude(base, tool, way):
     assert coarse == pytest.approx(waved(1e-3, 0.03), rel=0.05)
 
 
+def test_what_is_cut_off_has_none():
+    """Waves on cloth that was trimmed away do not count, nor do they beside the cut."""
+    net = network((120, 120))
+
+    def waved(rest):
+        lift = np.where(rest[:, 0] > 20e-3, sine(1e-3, 0.03, (0.0, 1.0))(rest), 0.0)
+        return flat(rest, lift)
+
+    blank = Gripped(net, [PLATE], shape=waved, cuts={"trim 0": shapely.box(-1, -1, 15e-3, 1)})
+    for factor, height in ((1.0, 0.96), (0.0, 0.0)):
+        state = replace(blank.start(), factors={"trim 0": factor})
+        pressure = contact_fields(blank, state)["pressure"][blank.ply.nodes.of_hinge]
+        waves = Waves.of(blank, state, pressure)
+        told = waves.figures(blank, blank.ply.fields(blank.of_cloth(state)))["wrinkles"]
+        assert told["largest_height_mm"] == pytest.approx(height, abs=0.05)
+    assert np.isnan(waves.height[net.crossover_position[:, 0] > 15e-3]).all()
+
+
 def test_folds_that_run_down_a_sphere():
     """Ten around, up to 31 mm apart and closer above: their height, 0.8 mm."""
 
     def folded(rest):
         rho, phi = np.hypot(rest[:, 0], rest[:, 1]), np.arctan2(rest[:, 1], rest[:, 0])
         lift = 0.8e-3 * (1.0 + np.sin(10.0 * phi)) * np.clip((rho - 20e-3) / 15e-3, 0.0, 1.0)
-        place = on_sphere(rest) + np.array([0.0, 0.0, RADIUS])
-        return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] - [0.0, 0.0, RADIUS]
+        centre = np.array([0.0, 0.0, -RADIUS])
+        place = on_sphere(rest) - centre
+        return place * (1.0 + lift / np.linalg.norm(place, axis=1))[:, None] + centre
 
     waves, figures, blank = measured(folded, [BALL], size=(104, 104))
     assert figures["wrinkles"]["largest_height_mm"] == pytest.approx(0.8, rel=0.1)

@@ -92,7 +92,8 @@ def test_cloth_over_itself(height):
 
 
 def test_dxf_has_the_same_layers(tmp_path):
-    ezdxf = pytest.importorskip("ezdxf")
+    import ezdxf
+
     forming, state = shaped(around)
     assert write_pattern(tmp_path, forming, state, LOG, CIRCLE) == []
     document = ezdxf.readfile(tmp_path / "outline.dxf")

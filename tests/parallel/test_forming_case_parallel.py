@@ -111,7 +111,7 @@ def test_a_tool_in_the_cloth_is_refused_on_all(tmp_path):
 
 
 def test_a_quarter_with_clamps_under_suction(tmp_path):
-    """Planes of symmetry, springs that slip, a held edge and suction: as on one rank."""
+    """Planes of symmetry, springs that slip, a held edge, suction, a cut: as on one rank."""
     first = '[[stage]]\nname = "close"'
     clamps = (
         '[[clamp]]\nedge = "right"\nstiffness = "0.1 N/mm/mm"\npreload = "0.5 N"\n'
@@ -124,6 +124,12 @@ def test_a_quarter_with_clamps_under_suction(tmp_path):
         ('"5 N"', '"1.25 N"'),
         (first, f'{clamps}[[stage]]\nname = "suck"\nsuction = "2 kPa"\n{first}'),
     )
+    if COMM.rank == 0:
+        trim = (
+            '[[stage]]\nname = "trim"\nsuction = "0 Pa"\ntrim = { radius = "22 mm" }\nstep = 0.5\n'
+        )
+        path.write_text(path.read_text() + trim)
+    COMM.barrier()
     (forming, result), (alone, expected) = formed(COMM, path), formed(MPI.COMM_SELF, path)
     for step, one in zip(result.steps, expected.steps, strict=True):
         for edge, force in one.clamp_force.items():

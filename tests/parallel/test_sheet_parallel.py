@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
 """A membrane among tools on several ranks against one rank alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
-from support.formed import HARD, formed, hemisphere
+from support.formed import HARD, formed, hemisphere, network
 
-from cruciform_petsc.continuum.sheet import MembraneBlank
+from cruciform_petsc.continuum.sheet import MembraneBlank, Sheet
+from cruciform_petsc.elements.level import STIFFNESS
 from cruciform_petsc.forming.measures import DrawIn
 
 pytestmark = pytest.mark.three_ranks
@@ -32,3 +35,20 @@ def test_a_hemisphere():
     assert drawn == pytest.approx(fields[0], abs=1e-6)
     np.testing.assert_allclose(u, fields[1], atol=2e-6)
     np.testing.assert_allclose(gamma, fields[2], atol=1e-4)
+
+
+def test_eight_triangles():
+    """Ranks with few triangles and perhaps no node: energy, area and places are right."""
+    comm = MPI.COMM_WORLD
+    sheet = Sheet(network((50.0, 35.0), comm=comm), 1.0)
+    stretched = SimpleNamespace(x=1.01 * sheet.nodes.rest)
+    energy, force, _ = sheet.stretching.work(stretched, STIFFNESS)
+    assert force.shape == (sheet.cells, 3, 3)
+    whole = 50e-3 * 35e-3
+    assert comm.allreduce(float(energy.sum())) == pytest.approx(52e3 * 1e-4 * whole, rel=1e-9)
+    areas = sheet.areas()[: sheet.nodes.num_nodes_owned]
+    assert comm.allreduce(float(areas.sum())) == pytest.approx(whole, rel=1e-12)
+    points = sheet.network.crossover_position
+    u, gamma = sheet.at(stretched, points)
+    np.testing.assert_allclose(u, np.pad(0.01 * points, ((0, 0), (0, 1))), atol=1e-15)
+    np.testing.assert_allclose(gamma, 0.0, atol=1e-12)

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.tools.profile import Profile
+from cruciform_petsc.tools.sector import Sector
 from cruciform_petsc.tools.shapes import Box, cylinder, opening, plane, ring, sphere
 from cruciform_petsc.tools.surface import touch
 
@@ -25,6 +26,8 @@ SHAPES = {
     "cylinder with ends": cylinder(0.05, 0.2, 0.01),
     "box": Box((0.1, 0.2, 0.05), 0.01),
     "ring": ring(0.09, 0.225),
+    "sector": Sector(0.09, 0.225, 0.2, 1.5),
+    "half ring": Sector(0.09, 0.225, -1.0, np.pi - 1.0, 0.01),
     "disc": ring(0.0, 0.09, 0.01),
     "die": opening(0.08, 0.0075, 0.225),
     "oblong die": opening(0.08, 0.0075, 0.225, 0.3),
@@ -191,6 +194,12 @@ def test_fast_enough():
         (lambda: Profile([[1, 0], [2, 0]], [1, 2, 3]), "needs one fillet, or 2, got 3"),
         (lambda: Profile([[1, 0], [3, 0], [2, 0]], 0.1), "turns back on itself"),
         (lambda: ring(0.2, 0.1), "must be larger than inner_radius"),
+        (lambda: Sector(0.2, 0.1, 0, 1), "must be larger than inner_radius"),
+        (lambda: Sector(0.0, 0.1, 0, 1), "which a sector needs"),
+        (lambda: Sector(0.1, 0.2, 1, 0.5), "from an angle to a larger one, .* 57.29.* to 28.6"),
+        (lambda: Sector(0.1, 0.2, 0, 3.2), "by half a turn at most"),
+        (lambda: Sector(0.1, 0.2, 0, 1, 0.06), "leave a flat between the sides of the sector"),
+        (lambda: Sector(0.1, 0.2, 0, 0.1, 0.01), "leave a flat between the sides of the sector"),
         (lambda: opening(0.08, 0.02, 0.1), "must leave room"),
         (lambda: Box((1, 2, 3), 0.6), "at most half of 1000 mm, got 600 mm"),
         (lambda: Box((1, 2, 3), 0.0), "must be positive"),
