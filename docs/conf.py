@@ -28,7 +28,7 @@ myst_heading_anchors = 3  # as forges make them, so that links work there, too
 default_role = "py:obj"  # `Network` in a docstring: a link where the page of names has it
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # docstrings tell types, with shapes and units
-autodoc_default_options = {"members": True, "exclude-members": "table, template, captions"}
+autodoc_default_options = {"members": True, "exclude-members": "model_config, check_together"}
 
 
 def numpy_style(app, what, name, obj, options, lines):
