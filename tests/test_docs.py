@@ -127,11 +127,11 @@ def test_commands():
                 assert (ROOT / word).is_file(), f"{where}: there is no {word}"
         names = [n for n, word in enumerate(words) if word == "cruciform-petsc"]
         if names and not words[-1].startswith("--help"):
-            ours, _ = cli.split_arguments(words[names[0] + 1 :])
+            ours = words[names[0] + 1 :]
             seen.append(ours[0])
             if len(ours) > 1:  # else it is spoken of
                 try:
-                    cli._parser().parse_args(ours)
+                    cli._parser().parse_args(cli.split_arguments(ours)[0])
                 except cruciform_petsc.InputError as error:
                     pytest.fail(f"{where}: {' '.join(words)}: {error}")
         for n, word in enumerate(words):
