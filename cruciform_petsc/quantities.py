@@ -23,6 +23,7 @@ UNITS = {
     "_mm": ("mm", 1e-3),
     "_deg": ("°", pi / 180.0),
     "_percent": ("%", 0.01),
+    "_kPa": ("kPa", 1e3),
     "_N": ("N", 1.0),
     "_J": ("J", 1.0),
 }
@@ -107,6 +108,7 @@ def declare(
 EXTENSION = declare("extension_mm", is_displacement=True)
 LOAD = declare("load_N")
 declare("displacement_mm", is_displacement=True)  # measured
+declare("shear_deg", "shear angle")
 declare("shear_centre_deg", "shear, at the centre point", "shear angle in the centre")
 declare("shear_max_deg", "shear, largest (absolute)", "largest shear angle")
 declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99 % of the area")

@@ -447,8 +447,8 @@ class _FormingRun(_Run):
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
-                table = record.table()
-                write_forming_report(comm, self.directory, case, self.summary, table, drawn)
+                table, view = record.table(), formed.view_of(forming, result)
+                write_forming_report(comm, self.directory, case, self.summary, table, drawn, view)
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure

@@ -310,7 +310,7 @@ def _maps(
     unit, newton = force_unit(largest)
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
-    in_units = {"label": f"tension ({unit} per yarn)", "share": 0.99}
+    in_units = {"label": f"tension ({unit} per yarn)"}
     for name, what, values, unit, size, rounding, options in (
         ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, compared),
         ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, in_units),

@@ -28,13 +28,15 @@ from ..forming.measures import (
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
+from ..quantities import quantity
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
-from .sample import MAP_LIMIT, node_means
+from .sample import node_means, sample_surface
 from .tables import in_order, lines, write_csv, write_pieces
+from .view import View, steps_shown
 
 if TYPE_CHECKING:
     from ..case.schema import Case
@@ -42,10 +44,14 @@ if TYPE_CHECKING:
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
 FRAMES = 4  # of stages.png
-YARNS = 40  # of each family that are drawn
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+VIEWED = (  # columns of fields.csv that the view in space may show
+    "shear_deg", "wrinkle_height_mm", "bridging_mm", "contact_pressure_kPa",
+    "warp_tension_N_per_mm", "weft_tension_N_per_mm", "warp_strain_percent", "weft_strain_percent",
+    "thickness_mm",
+)  # fmt: skip
 _OF_CONTACT = ("contact_pressure", "distance_to", "slip_on")
 
 
@@ -280,6 +286,22 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
 
     docs/files.md tells what the columns are.
     """
+    network = forming.network
+    columns = crossover_columns(forming, state)
+    number, rows = in_order(
+        network.comm,
+        network.crossover_number_global,
+        network.num_crossovers_global,
+        np.column_stack(list(columns.values())),
+    )
+    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
+    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
+    text = lines(template, number, rows).replace(b"nan", b"")
+    write_pieces(network.comm, path, [head.encode(), text])
+
+
+def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
+    """Columns of fields.csv at this rank's crossovers, (n_owned,) each. Collective."""
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
     warp, weft = yarn_directions(blank, state)
@@ -293,7 +315,7 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
         for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
     )
     waves = Waves.of(blank, state, touch["pressure"])
-    columns = {
+    return {
         "x_rest_mm": MM * network.crossover_position[:, 0],
         "y_rest_mm": MM * network.crossover_position[:, 1],
         **{f"{letter}_mm": MM * now[:, axis] for axis, letter in enumerate("xyz")},
@@ -317,16 +339,6 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
         **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
         "carrying": fields["carrying"],
     }
-    number, rows = in_order(
-        network.comm,
-        network.crossover_number_global,
-        network.num_crossovers_global,
-        np.column_stack(list(columns.values())),
-    )
-    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
-    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
-    text = lines(template, number, rows).replace(b"nan", b"")
-    write_pieces(network.comm, path, [head.encode(), text])
 
 
 def _waves(blank: Blank, state: State) -> Waves:
@@ -424,6 +436,29 @@ def draw_all(
     return written
 
 
+def view_of(forming: Forming, formed: Formed) -> View:
+    """View in space for the report, from the flat blank on. Collective; empty but on rank 0."""
+    every = [forming.blank.start(), *formed.states]
+    view = View(tools={tool.name: tool.surface.facets() for tool in forming.tools})
+    for k in steps_shown(forming.network, len(every), len(VIEWED)):
+        state = every[k]
+        columns = crossover_columns(forming, state)
+        place = 1e-3 * np.column_stack([columns[f"{letter}_mm"] for letter in "xyz"])
+        values = {
+            quantity(name).axis: np.where(columns["carrying"], columns[name], np.nan)
+            for name in VIEWED
+        }
+        angle = values.pop(quantity("shear_deg").axis)
+        values = {pictures.SIZE_LABEL: abs(angle), **values}
+        view.surfaces.append(sample_surface(forming.network, place, values))
+        view.captions.append(_when(forming, state) if k else "flat blank")
+        for tool, node in zip(forming.tools, forming.blank.tool_node, strict=True):
+            there = state.factors.get(tool.name, 1.0) > 0.0
+            pose = Pose(state.x[node], state.hold.rotations[tool.name]) if there else None
+            view.poses.setdefault(tool.name, []).append(pose)
+    return view
+
+
 def _wrinkles(
     forming: Forming, state: State, title: str, summary: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -448,36 +483,25 @@ def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> 
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
-    every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
-    taken = (network.crossover_ij % every == 0).all(axis=1)
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
     if values is None:
         values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, values])[taken])
+    surface = sample_surface(network, place, {"": abs(values)})
     facets = [tool.surface.facets() for tool in forming.tools]
     tools: dict[bool, list[Facets]] = {True: [], False: []}
-    for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
+    for tool, placed in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
         if state.factors.get(tool.name, 1.0) > 0.0:
-            tools[tool.name in forming.below].append(surface)
-    number = stage_number(state.time)
-    caption = f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
-    rows = np.concatenate(gathered or [np.zeros((0, 6))])
-    i, j = (rows[:, :2] // every).astype(np.int64).T
-    i, j = i - i.min(initial=0), j - j.min(initial=0)
-    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
-    grid[i, j] = np.arange(len(rows))
-    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
-    triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
-    lines = max(1, round(max(grid.shape) / YARNS))
-    pieces = [
-        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
-    ]
-    yarns = np.concatenate(pieces)
-    whole = (triangles >= 0).all(axis=1), (yarns >= 0).all(axis=1)
+            tools[tool.name in forming.below].append(placed)
     return scene.Frame(
-        rows[:, 2:5], abs(rows[:, 5]), triangles[whole[0]], yarns[whole[1]],
-        _joined(tools[True]), _joined(tools[False]), caption,
+        surface.points, surface.values[""], surface.triangles, surface.yarns,
+        _joined(tools[True]), _joined(tools[False]), _when(forming, state),
     )  # fmt: skip
+
+
+def _when(forming: Forming, state: State) -> str:
+    """Stage and how far it is."""
+    number = stage_number(state.time)
+    return f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
 
 
 def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:

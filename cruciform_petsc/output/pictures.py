@@ -147,22 +147,21 @@ def maps(
     title: str = "",
     *,
     difference: str = "",
-    share: float = 0.998,
 ) -> Figure:
     """Draw maps of a sample's values side by side, with one colour scale.
 
     ``label`` is what they are; ``difference`` that of a third map, first less second value, with a
-    scale of its own. ``share``: see `colour_scale`.
+    scale of its own.
     """
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
     if difference:
         names.append(f"{names[0]} minus {names[1].lower()}")
     figure, axes, _ = _panels(*bounds(sample.outline), names if len(names) > 1 else [""])
-    groups = [(axes[: len(values)], values, colour_scale(values, share), label)]
+    groups = [(axes[: len(values)], values, colour_scale(values), label)]
     if difference:
         less = values[0] - values[1]
-        groups.append((axes[-1:], [less], colour_scale([less], 0.99, centred=True), difference))
+        groups.append((axes[-1:], [less], colour_scale([less], centred=True), difference))
     for panels, of, colours, what in groups:
         for panel, value in zip(panels, of, strict=True):
             _add_map(panel, sample, value, colours)
@@ -241,24 +240,24 @@ def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def colour_scale(
-    values: Sequence[np.ndarray], share: float = 0.998, *, centred: bool = False
+    values: Sequence[np.ndarray], share: float = 0.99, *, centred: bool = False
 ) -> ScalarMappable:
     """One scale for values, NaN grey.
 
     From zero up (or down) if they have one sign, bar a little scatter; else, or if it is to be
-    ``centred``, white at zero. The largest few of many values, beyond ``share`` of them, do not
-    stretch it: its colour bar has an arrow there.
+    ``centred``, white at zero. The largest few of each array, beyond ``share`` of its values that
+    are not zero, do not stretch it: its colour bar has an arrow there.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
-    every = np.concatenate([np.ravel(value) for value in values])
-    every = every[np.isfinite(every)] if np.isfinite(every).any() else np.zeros(1)
-    low = min(0.0, float(np.quantile(every, 1.0 - share, method="lower")))
-    high = max(0.0, float(np.quantile(every, share, method="higher")))
+    found = [value[np.isfinite(value) & (value != 0.0)] for value in map(np.asarray, values)]
+    found = [value for value in found if len(value)] or [np.zeros(1)]
+    low = min(0.0, *(float(np.quantile(v, 1.0 - share, method="lower")) for v in found))
+    high = max(0.0, *(float(np.quantile(v, share, method="higher")) for v in found))
     if centred or min(-low, high) > max(0.15 * max(-low, high), ROUNDING_DEG):
-        high = float(np.quantile(np.abs(every), share, method="higher")) or 1.0
+        high = max(float(np.quantile(np.abs(v), share, method="higher")) for v in found) or 1.0
         low, shades = -high, colormaps["RdBu_r"].copy()
     else:
         # The light end of plasma would be lost on white paper.
@@ -270,6 +269,7 @@ def colour_scale(
         low = low if high == 0.0 else 0.0
     shades.set_bad("0.75")
     slack = 0.03 * (high - low)
+    every = np.concatenate(found)
     passed = 1 * (every.min() < low - slack) + 2 * (every.max() > high + slack)
     shades.colorbar_extend = ("neither", "min", "max", "both")[passed]  # type: ignore[assignment]
     return ScalarMappable(Normalize(low, high), shades)

@@ -365,7 +365,10 @@ def test_uniform_values_are_told():
         ([[-4.0, 8.0]], (-8, 8), "neither"),
         ([[0.0, np.nan]], (0, 1), "neither"),
         ([[-2e-12, 1e-12]], (0, 1), "neither"),
-        ([np.full(5000, 5.0), [90.0]], (0, 5), "max"),
+        ([np.append(np.full(1000, 5.0), 9 * [90.0])], (0, 5), "max"),
+        ([np.append(np.full(1000, 5.0), 20 * [90.0])], (0, 90), "neither"),
+        ([np.full(1000, 5.0), np.full(10, 90.0)], (0, 90), "neither"),  # the last of many stages
+        ([np.append(np.zeros(1000), [2.0, 3.0])], (0, 3), "neither"),  # wrinkles in one place
     ],
 )
 def test_colour_scales(values, limits, extend):
