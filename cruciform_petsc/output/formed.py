@@ -28,6 +28,7 @@ from ..forming.measures import (
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
+from ..parallel import on_root
 from ..quantities import quantity
 from ..tools.motion import Pose
 from ..tools.surface import Facets
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
-FRAMES = 4  # of stages.png
+FRAMES, MOST_FRAMES = 4, 40  # of stages.png, of animation.gif
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
@@ -459,6 +460,19 @@ def view_of(forming: Forming, formed: Formed) -> View:
     return view
 
 
+def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str) -> None:
+    """Write animation.gif, the blank among its tools at all results, or so many evenly. Collective.
+
+    InputError on every rank if nothing here can render.
+    """
+    frames = [_frame(forming, state) for state in _of_the_way(formed.states, MOST_FRAMES)]
+
+    def draw() -> None:
+        scene.animate(frames, directory / "animation.gif", pictures.plain_text(title))
+
+    on_root(forming.network.comm, draw)
+
+
 def _wrinkles(
     forming: Forming, state: State, title: str, summary: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -469,9 +483,9 @@ def _wrinkles(
     return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
 
 
-def _of_the_way(states: Sequence[State]) -> list[State]:
-    """Up to FRAMES of the states, evenly, and the last."""
-    taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
+def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:
+    """Up to so many of the states, evenly, and the last."""
+    taken = np.linspace(0, len(states) - 1, min(most, len(states)))
     return [states[round(k)] for k in taken]
 
 

@@ -76,6 +76,7 @@ STAGES = {
     "ladder": "finer networks compared with the membrane",
     "pictures": "pictures drawn",
     "scene": "yarns drawn in space",
+    "animation": "animation drawn",
     "total": "in all",
 }
 
