@@ -143,6 +143,11 @@ def force_unit(values: Any) -> tuple[str, float]:
     return ("N", 1.0) if np.abs(values).max(initial=0.0) >= SMALL_FORCE else ("mN", 1e-3)
 
 
+def energy_unit(values: Any) -> tuple[str, float]:
+    """Unit that energies (J) are told in, and its size in J: mJ if all are below 1 J."""
+    return ("J", 1.0) if np.abs(values).max(initial=0.0) >= 1.0 else ("mJ", 1e-3)
+
+
 def si_text(value: float, unit: str) -> str:
     """An SI value with four digits, in a unit of a fitting size."""
     return format_si(float(f"{value:.4g}"), unit)

@@ -29,7 +29,7 @@ from ..forming.measures import (
 from ..forming.press import stage_number
 from ..forming.waves import Waves
 from ..parallel import on_root
-from ..quantities import quantity
+from ..quantities import energy_unit, quantity
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
 FRAMES, MOST_FRAMES = 4, 40  # of stages.png, of animation.gif
+NAMED_STAGES = 4  # that an axis has room for
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
@@ -392,10 +393,10 @@ def draw_all(
     table = record.table()
     time = np.append(0.0, [step.increment.control for step in record.steps])
 
-    def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
+    def over_time(columns: Mapping[str, str]) -> dict[str, Any]:
         """Columns by their labels, from zero on."""
         return {
-            label: scale * np.append(0.0, np.array(table[column], float))
+            label: np.append(0.0, np.array(table[column], float))
             for label, column in columns.items()
         }
 
@@ -405,11 +406,14 @@ def draw_all(
     frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
-    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
+    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES})
     energies["bending"] += energies.pop("out_of_plane_bending")
     spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
-    energies |= over_time(spent, 1e3)
-    axis = "stages done"
+    energies |= over_time(spent)
+    unit, joule = energy_unit(sum(energies.values()))
+    energies = {name: energy / joule for name, energy in energies.items()}
+    stages = [f"{k} {stage.name}" for k, stage in enumerate(forming.stages, 1)]
+    axis = "stages done" if len(stages) > NAMED_STAGES else f"stages done ({', '.join(stages)})"
     drawn = {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
@@ -420,7 +424,7 @@ def draw_all(
         "draw_in.png": partial(
             pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
         ),
-        "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
+        "energy.png": partial(pictures.stacked, time, energies, (axis, f"energy ({unit})"), title),
     }
     if not forming.tools:
         del drawn["tool_forces.png"]

@@ -7,6 +7,7 @@ imported when the first picture is drawn.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +48,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
 MOST_LABELS = 12  # of curves in a legend
+UNSEEN = 2e-3  # of a whole
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 SIZE_LABEL = "shear angle, absolute (°)"
@@ -68,9 +70,27 @@ def save(
 
         with rc_context(STYLE), written_whole(path) as temporary:
             figure = draw(*data, **options)
+            wrap_titles(figure)
             figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
 
     on_root(comm, write)
+
+
+def wrap_titles(figure: Figure) -> None:
+    """Break titles that are wider than what they stand over: axes, or the whole figure."""
+    whole = figure.bbox.width
+    titles = [axes.title for axes in figure.axes]
+    titles += [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
+    if all(title.get_window_extent().width < 0.6 * whole for title in titles):
+        return
+    figure.draw_without_rendering()
+    for title in titles:
+        room = whole if title.axes is None else title.axes.get_window_extent().width
+        width = title.get_window_extent().width
+        if width > room:
+            lines = title.get_text().split("\n")
+            letters = max(10, int(max(map(len, lines)) * room / width))
+            title.set_text("\n".join(textwrap.fill(line, letters) for line in lines))
 
 
 # -- the specimen -------------------------------------------------------------------------------
@@ -395,8 +415,11 @@ def stacked(
 ) -> Figure:
     """Draw parts (n,) of a whole, not negative, one upon the other, against x (n,).
 
-    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes.
+    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes. Parts
+    that are never seen, below `UNSEEN` of the whole, are left out.
     """
+    whole = np.sum([*parts.values()], axis=0).max()
+    parts = {name: part for name, part in parts.items() if part.max() > UNSEEN * whole} or parts
     figure, (axes,) = _curve_axes([labels], title)
     until = 1 + int(np.abs(x).argmax())
     along = np.append(0.0, x[:until])
@@ -404,7 +427,8 @@ def stacked(
     axes.stackplot(along, heights, labels=list(parts), colors=COLOURS, alpha=0.85, linewidth=0)
     axes.plot(along, np.sum(heights, axis=0), color="0.15", linewidth=1.0)
     axes.set(xlim=(min(along), max(along)), ylim=(0.0, None))
-    axes.legend(loc="upper left", reverse=True)  # as they lie upon each other
+    # Beside them, as they lie upon each other.
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
     return figure
 
 
@@ -456,7 +480,9 @@ def _line_style(i: int, points: int) -> dict[str, Any]:
     style = {"color": COLOURS[i % len(COLOURS)], "clip_on": False, "zorder": 3}
     if points > MANY_POINTS:
         return style | {"linestyle": DASHES[i % len(DASHES)]}
-    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+    # Later ones are smaller, and dashed: what lies below them is still seen.
+    size, dashes = max(5.5 - 1.2 * i, 3.0), DASHES[i % len(DASHES)] if points else "-"
+    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": size, "linestyle": dashes}
 
 
 def _point_style(i: int) -> dict[str, Any]:

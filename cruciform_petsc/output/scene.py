@@ -129,6 +129,7 @@ def animate(frames: Sequence[Frame], path: str | Path, title: str = "") -> None:
                 _page([image], extent, colours, text, [""], pictures.SIZE_LABEL)
             )
             canvas.figure.set_dpi(DPI_ANIMATED)
+            pictures.wrap_titles(canvas.figure)
             canvas.draw()
             pages.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
     palette = pages[-1].quantize()  # one for all: each has the colour bar
