@@ -145,11 +145,11 @@ def test_finite(demo, tmp_path):
 def test_hemisphere(tmp_path):
     """The punch's force in so many steps on so coarse a net; the blank is drawn in evenly."""
     summary = run("hemisphere", 2, tmp_path, "--set", "output.pictures=false")
-    assert summary["tool_force_n"]["punch"][2] == pytest.approx(-40.57, rel=5e-3)
+    assert summary["tool_force_n"]["punch"][2] == pytest.approx(-41.05, rel=5e-3)
     assert summary["tool_force_n"]["holder"][2] == pytest.approx(-50.0)
     assert np.linalg.norm(sum(map(np.array, summary["tool_force_n"].values()))) < 0.1
-    assert summary["shear_max_deg"] == pytest.approx(40.7, abs=0.3)
-    assert list(summary["draw_in_mm"].values()) == pytest.approx([36.05] * 4, rel=5e-3)
+    assert summary["shear_max_deg"] == pytest.approx(41.35, abs=0.3)
+    assert list(summary["draw_in_mm"].values()) == pytest.approx([37.045] * 4, rel=5e-3)
     stored = sum(summary["energy_j"].values())  # and dissipated; in steps of a tenth of the stroke
     assert summary["work_of_tools_j"] == pytest.approx(stored, rel=0.05)
 

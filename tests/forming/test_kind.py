@@ -195,7 +195,8 @@ def test_pictures_and_report(tmp_path):
     drawn = {path.name for path in folder.glob("*.png")}
     assert drawn >= {"tool_forces.png", "draw_in.png", "energy.png"}
     page = (folder / "report.html").read_text()
-    for text in ("Forming", "punch, force along z", "[[tool]]", "[[stage]]", "Wrinkles start from"):
+    words = ("Forming", "<h2>Part</h2>", "punch, force along z", "[[tool]]", "[[stage]]")
+    for text in (*words, "Wrinkles start from"):
         assert text.lower() in page.lower()
     assert page.count("<img") == len(drawn)
     assert ("wrinkles.png" in drawn) == ("formed.png" in drawn)
