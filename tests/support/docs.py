@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The code that stands in README.md and docs/, block by block."""
+"""The code that stands in README.md, CONTRIBUTING.md and docs/, block by block."""
 
 import ast
 import re
@@ -11,7 +11,7 @@ from typing import NamedTuple
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 COMMAND = re.compile(
     r"(\./scripts/|(\./scripts/fenicsx )?(mpirun|srun|cruciform-petsc|python3|git clone) "
     r"|#!/bin/bash|LAW=|\./configure)"
