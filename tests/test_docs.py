@@ -135,6 +135,10 @@ def test_commands():
                     cli._parser().parse_args(cli.split_arguments(ours)[0])
                 except cruciform_petsc.InputError as error:
                     pytest.fail(f"{where}: {' '.join(words)}: {error}")
+        for option, value in itertools.pairwise(words):
+            if option in ("--set", "--vary") and "=" in value and "$" not in value:
+                key = re.sub(r"\[\d+\]", "[0]", value.partition("=")[0])
+                assert ".".join(key.split(".")[:2]) in Case.paths(), f"{where}: no case has {key}"
         for n, word in enumerate(words):
             if word.startswith("scripts/") and word.endswith(".py"):
                 text = (ROOT / word).read_text()
