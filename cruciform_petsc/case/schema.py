@@ -241,8 +241,8 @@ class Case(Table):
         return self.test.finite and self.test.bending if told is None else told
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
+        """Return the case as plain data as JSON can hold it."""
+        dump = super().model_dump(**{"mode": "json"} | options)
         return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
     @classmethod

@@ -9,10 +9,9 @@ import numpy as np
 
 from ..errors import EquilibriumError, typed_before
 from ..parallel import least
-from ..units import format_si
 from .blank import Blank
 from .forming import Formed
-from .measures import narrowest
+from .measures import length, narrowest
 from .table import StageTable
 
 BACK = 2  # steps before the last one: where smaller steps are proposed to begin
@@ -35,7 +34,7 @@ def explain(
     number = min(int(done), len(stages) - 1)
     where, cure = "", CURES.get(error.reason, "")
     if error.place is not None:
-        x, y = (_length(value) for value in error.place[:2])
+        x, y = (length(value) for value in error.place[:2])
         nodes = "1 node" if error.count == 1 else f"{error.count} nodes"
         where = f" at {nodes} of the flat blank, {'' if error.count == 1 else 'most '}at "
         where += f"x = {x}, y = {y}"
@@ -77,11 +76,7 @@ def _pressing(blank: Blank, formed: Formed, place: np.ndarray) -> str:
     if between is not None and between[0] < blank.thickness:
         one, other = between[1]
         told += (
-            f': "{one}" and "{other}" leave {_length(max(between[0], 0.0))}, for cloth of '
-            f"{_length(blank.thickness)}"
+            f': "{one}" and "{other}" leave {length(max(between[0], 0.0))}, for cloth of '
+            f"{length(blank.thickness)}"
         )
     return told
-
-
-def _length(value: float) -> str:
-    return format_si(float(f"{value:.4g}") + 0.0, "m")

@@ -209,7 +209,11 @@ def summarize(
         )
     energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
-    if share > VISCOUS:
+    before = formed.steps[-2] if len(formed.steps) > 1 else None
+    began = before.increment.control if before else 0.0
+    spent = energy["viscous"] - (before.spent["viscous"] if before else 0.0)
+    flows = spent / (last.increment.control - began) > VISCOUS * sum(energy.values())  # per stage
+    if share > VISCOUS and flows:
         warnings.append(
             f"viscosity has taken {100.0 * share:.0f} % of the energy, so results depend on it: "
             "a smaller test.contact.viscosity, or a last stage in which nothing moves, may help"

@@ -87,7 +87,7 @@ def test_a_tool_deep_in_the_cloth(tmp_path):
     moved = replace(state, x=x)
     what, reason, place, count = squeezed(blank, moved)
     depth = -blank.contacts[1].fields(moved)["distance"]
-    deep = f"{1e3 * depth.max():.3g} mm"
+    deep = f"{1e3 * depth.max():.4g} mm"
     assert what == f'tool "punch" lies {deep} deep in the cloth, which is 1 mm thick'
     assert reason == "PIERCED"
     np.testing.assert_array_equal(place, blank.ply.nodes.rest[blank.touching[depth.argmax()]])
