@@ -130,6 +130,8 @@ def check(browser: Browser, page: Path, screenshot: Path | None) -> None:
     browser.ask("Page.navigate", url=page.resolve().as_uri())
     while browser.run("document.readyState") != "complete":
         time.sleep(0.05)
+    if browser.run("document.querySelector('#view .shown').hidden"):
+        sys.exit("\n".join(["the view is not shown", *browser.messages]))
     browser.run("document.querySelector('#view').scrollIntoView()")
     last = browser.picture()
     if screenshot is not None:
