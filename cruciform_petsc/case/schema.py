@@ -90,6 +90,8 @@ class OutputTable(Table):
     """Figures of the result."""
     scene: bool = False
     """scene.png, the woven yarns in space, drawn with PyVista."""
+    animation: bool = False
+    """Of a forming: animation.gif, the blank among its tools at all results."""
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
@@ -299,6 +301,8 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        if self.output.animation and not forming:
+            problems.append("output.animation is for a forming, leave it out")
         part = self.output.part
         if part is not None:
             if not forming:

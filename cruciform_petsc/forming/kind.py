@@ -18,7 +18,7 @@ from ..experiments.limits import remarks
 from ..fields import Table
 from ..items.clamps import preload_name
 from ..items.item import Item
-from ..items.loads import PressureAbove, Suction
+from ..items.loads import G, PressureAbove, Suction
 from ..items.ply import Ply
 from ..net.network import Network
 from ..parallel import least
@@ -132,11 +132,20 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric, length_of(network, test.symmetry)),
+            ContactSettings.of(fabric, length_of(network, test.symmetry), self._load()),
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
         self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def _load(self) -> float:
+        """What pushes the blank as a whole at most: its weight, pressures; Pa."""
+        weight = 0.0
+        if self.test.gravity:
+            weight = G * self.network.fabric.needed("areal_density", "test.gravity = true")
+        pushes = [(stage.pressure, stage.suction) for stage in self.stages]
+        largest = max((abs(push.si) for both in pushes for push in both if push), default=0.0)
+        return largest + weight
 
     def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
         """A blank of a kind among the tools. Collective."""

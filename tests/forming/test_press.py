@@ -112,6 +112,9 @@ def test_contact_that_suits_a_fabric():
     # A tenth of the time of a cantilever's first mode, and so that the sheet does not float away.
     slowest = 1e-7 * (1.8751 / 0.02) ** 4
     assert settings.viscosity == pytest.approx(0.1 * slowest + 1e-8 * stiffness / 4e-4, rel=1e-3)
+    # A load alone would move the blank by its length in a tenth of a stage.
+    pushed = ContactSettings.of(fabric, 0.02, 300.0)
+    assert pushed.viscosity - settings.viscosity == pytest.approx(0.1 * 300.0 / 0.02)
     net = network((25, 16), fabric)
     blank = Blank(net, [Tool("bed", shapes.plane())])
     assert blank.settings == ContactSettings.of(fabric, 25e-3)

@@ -18,7 +18,9 @@ from cruciform_petsc.forming.measures import shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.exports import export_formed
+from cruciform_petsc.output.formed import view_of
 from cruciform_petsc.output.pattern import mapped_back
+from cruciform_petsc.output.view import packed
 
 COMM = MPI.COMM_WORLD
 STROKE = 6e-3
@@ -30,6 +32,25 @@ def shared(folder, *changes):
     path = written(folder, *changes) if COMM.rank == 0 else folder / "cup.toml"
     COMM.barrier()
     return path
+
+
+def test_view_is_that_of_one_rank(tmp_path):
+    """All crossovers, joined as on one rank; rank 0 has them."""
+    path = shared(tmp_path)
+    forming, result = formed(COMM, path)
+    view = view_of(forming, result)
+    assert len(view.captions) == 4
+    if COMM.rank == 0:
+        one = view_of(*formed(MPI.COMM_SELF, path))
+        ours, theirs = (
+            np.array(sorted(map(tuple, v.surfaces[-1].points.round(6)))) for v in (view, one)
+        )
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+        assert len(view.surfaces[-1].triangles) == len(one.surfaces[-1].triangles)
+        assert len(view.surfaces[-1].yarns) == len(one.surfaces[-1].yarns)
+        packed(view)
+    else:
+        assert all(len(surface.points) == 0 for surface in view.surfaces)
 
 
 def test_fields_are_those_of_one_rank(tmp_path):
