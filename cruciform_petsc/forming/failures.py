@@ -40,6 +40,8 @@ def explain(
         where += f"x = {x}, y = {y}"
         if error.reason not in CURES:
             where = f"; forces are out of balance{where}{_pressing(blank, formed, error.place)}"
+    if not cure and stages[number].remove:
+        cure = "tools that still bear should travel away in a stage before they are removed"
     cure = cure or (
         "smaller steps (step), a softer contact or more viscosity (test.contact) may help; so does "
         "more room between tools that close on the cloth"
@@ -50,6 +52,7 @@ def explain(
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
         step = f"stage[{number}].step={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
+        going_on += " (and --output, where the run had it)"
     error.args = (
         f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
         f'"{stages[number].name}" ({error}, {error.reason}){where}. '

@@ -319,11 +319,16 @@ class Forming:
         return remarks
 
     def _one_sided(self) -> list[str]:
-        """Remarks on tools that are not the same on both sides of a plane of symmetry."""
-        remarks = []
+        """Remarks on tools that are not the same on both sides of a plane of symmetry.
+
+        One that lies on the blank's side of it stands for its mirror image, too.
+        """
+        remarks, side = [], self._box().mean(axis=0)
         for axis in self.test.axes:
             for tool in self.tools:
                 image = tool.start.to_lab(tool.surface.facets()[0])
+                if (image[:, axis] * side[axis] >= 0.0).all():
+                    continue
                 image[:, axis] *= -1.0
                 off = float(abs(tool.look(image, tool.start)[0]).max())
                 if off > ONE_SIDED * self.thickness:

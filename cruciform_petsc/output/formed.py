@@ -16,7 +16,6 @@ from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
-from ..forming.blank import Blank
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
@@ -226,7 +225,7 @@ def summarize(
         **shear,
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
         "penetration_max_mm": MM * deepest,
-        **_waves(blank, state).figures(blank, fields),
+        **Waves.of(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
@@ -320,7 +319,7 @@ def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
         np.nan if value is None else value
         for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
     )
-    waves = Waves.of(blank, state, touch["pressure"])
+    waves = Waves.of(blank, state)
     return {
         "x_rest_mm": MM * network.crossover_position[:, 0],
         "y_rest_mm": MM * network.crossover_position[:, 1],
@@ -345,12 +344,6 @@ def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
         **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
         "carrying": fields["carrying"],
     }
-
-
-def _waves(blank: Blank, state: State) -> Waves:
-    """Wrinkles and bridges of a state. Collective."""
-    pressure = contact_fields(blank, state)["pressure"]
-    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
 def write_series(
@@ -487,7 +480,7 @@ def _wrinkles(
     """The picture of wrinkles' heights, where there are any. Collective."""
     if not summary["wrinkles"]["area_share"]:
         return {}
-    frame = _frame(forming, state, MM * _waves(forming.blank, state).height)
+    frame = _frame(forming, state, MM * Waves.of(forming.blank, state).height)
     return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
 
 
@@ -536,7 +529,7 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     node = np.flatnonzero(~network.node_is_hinge)
     at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
     touch = contact_fields(blank, state)
-    waves = Waves.of(blank, state, touch["pressure"][ply.nodes.of_hinge])
+    waves = Waves.of(blank, state)
     points = {f"{name.replace(' ', '_')}_mm": MM * values[at] for name, values in touch.items()}
     points["contact_pressure_kPa"] = KPA / MM * points.pop("pressure_mm")
     for name, values in {"wrinkle_height": waves.height, "bridging": waves.bridging}.items():

@@ -14,7 +14,7 @@ from support.forming import CASE, formed, written
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.forming.measures import contact_fields, shear_figures
+from cruciform_petsc.forming.measures import shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.exports import export_formed
@@ -32,11 +32,6 @@ def shared(folder, *changes):
     path = written(folder, *changes) if COMM.rank == 0 else folder / "cup.toml"
     COMM.barrier()
     return path
-
-
-def waves_of(blank, state):
-    pressure = contact_fields(blank, state)["pressure"]
-    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
 def test_view_is_that_of_one_rank(tmp_path):
@@ -77,7 +72,7 @@ def test_fields_are_those_of_one_rank(tmp_path):
         np.testing.assert_allclose(result.steps[-1].tool_force[name], force, rtol=0, atol=1e-5)
     figures = shear_figures(forming.blank, fields)
     assert figures == pytest.approx(shear_figures(alone.blank, known), abs=1e-4)
-    waves, expected = (waves_of(f.blank, s) for f, s in ((forming, state), (alone, one)))
+    waves, expected = (Waves.of(f.blank, s) for f, s in ((forming, state), (alone, one)))
     for name in ("normal", "curvature", "height", "bridging"):
         values, all_values = getattr(waves, name), getattr(expected, name)[order][number]
         np.testing.assert_allclose(values, all_values, rtol=1e-3, atol=1e-6, err_msg=name)
