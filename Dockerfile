@@ -9,7 +9,7 @@ RUN apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-ins
     python3-pint python3-pydantic python3-shapely python3-rich libopenblas0-serial python3-gmsh \
     python3-vtk9 python3-pyvista python3-matplotlib python3-jinja2 xvfb xauth python3-ezdxf \
     python3-svgelements python3-meshio python3-pandas python3-sphinx furo python3-myst-parser \
-    python3-pytest python3-pytest-cov python3-hypothesis mypy git ca-certificates procps \
+    python3-pytest python3-pytest-xdist python3-pytest-cov python3-hypothesis mypy git ca-certificates procps \
     && rm -rf /var/lib/apt/lists/*
 COPY . /opt/cruciform_petsc
 WORKDIR /work
