@@ -231,6 +231,10 @@ class Table(BaseModel):
         more = len(problems) - _MOST_PROBLEMS
         raise InputError(*problems[:_MOST_PROBLEMS], *([f"and {more} more"] if more > 0 else []))
 
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """Return plain data, with the keys of a case file."""
+        return super().model_dump(**{"by_alias": True} | options)
+
     @classmethod
     def keys(cls) -> list[str]:
         """Keys as they stand in a case file."""

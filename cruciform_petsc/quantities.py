@@ -23,6 +23,7 @@ UNITS = {
     "_mm": ("mm", 1e-3),
     "_deg": ("°", pi / 180.0),
     "_percent": ("%", 0.01),
+    "_kPa": ("kPa", 1e3),
     "_N": ("N", 1.0),
     "_J": ("J", 1.0),
 }
@@ -107,6 +108,7 @@ def declare(
 EXTENSION = declare("extension_mm", is_displacement=True)
 LOAD = declare("load_N")
 declare("displacement_mm", is_displacement=True)  # measured
+declare("shear_deg", "shear angle")
 declare("shear_centre_deg", "shear, at the centre point", "shear angle in the centre")
 declare("shear_max_deg", "shear, largest (absolute)", "largest shear angle")
 declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99 % of the area")
@@ -139,6 +141,11 @@ def data_frame(columns: Mapping[str, Any]) -> Any:
 def force_unit(values: Any) -> tuple[str, float]:
     """Unit that forces (N) are told in, and its size in N: mN if all are small."""
     return ("N", 1.0) if np.abs(values).max(initial=0.0) >= SMALL_FORCE else ("mN", 1e-3)
+
+
+def energy_unit(values: Any) -> tuple[str, float]:
+    """Unit that energies (J) are told in, and its size in J: mJ if all are below 1 J."""
+    return ("J", 1.0) if np.abs(values).max(initial=0.0) >= 1.0 else ("mJ", 1e-3)
 
 
 def si_text(value: float, unit: str) -> str:

@@ -443,12 +443,18 @@ class _FormingRun(_Run):
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
                     drawn = formed.draw_all(self.directory, forming, result, record, self.summary)
+            if case.output.animation:
+                with self.stages.stage("animation", "animation drawn"):
+                    try:
+                        formed.draw_animation(self.directory, forming, result, case.title)
+                    except InputError as error:  # results are worth more
+                        log.warning("no animation.gif: %s", error)
             self._compare_with_membrane(forming, result, record)
         self._write_summary()
         if result.steps:
             if case.output.wants_report:
-                table = record.table()
-                write_forming_report(comm, self.directory, case, self.summary, table, drawn)
+                table, view = record.table(), formed.view_of(forming, result)
+                write_forming_report(comm, self.directory, case, self.summary, table, drawn, view)
             formed.tell_outcome(log, self.summary, self.directory)
         if self.failure is not None:
             raise self.failure

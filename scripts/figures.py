@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The figures of the README's verification table, measured anew.
+"""The figures of docs/verification.md, measured anew.
 
     ./scripts/fenicsx mpirun -n 2 python3 -m mpi4py scripts/figures.py [--large]
 

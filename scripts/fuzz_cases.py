@@ -174,7 +174,9 @@ class Maker:
 
     def good(self) -> dict[str, Any]:
         """A case that should be good, though its lattice may not fit its outline."""
-        kind = self.random.choice(tuple(KINDS))
+        kind = self.random.choice((*KINDS, *2 * ("forming",)))
+        if kind == "forming":
+            return self.forming()
         upright = kind in ("picture-frame", "biaxial", "cantilever")
         test: dict[str, Any] = {"kind": kind, "finite": self.random.random() < 0.5}
         control = {
@@ -198,6 +200,135 @@ class Maker:
         self.maybe(data, "continuum", {"mesh_size": self.length(0.005)})
         self.maybe(data, "solver", {"options": {"ksp_type": "cg", "ksp_rtol": 1e-8}})
         self.maybe(data, "output", {"directory": "results/x", "pictures": False})
+        return data
+
+    def shape(self) -> dict[str, Any]:
+        """Of a tool."""
+        size, begin = self.random.uniform(0.01, 0.08), self.random.choice((-90, 0, 45))
+        end = begin + self.random.uniform(10, 180)
+        file = self.random.choice(("punch.stl", "hole.stl", "noise.stl", "none.stl", "thesis"))
+        radius, outer = f"{size:.6g} m", f"{2.5 * size:.6g} m"
+        corners = [[f"{k * size:.6g} m", f"{(k % 2) * size / 4:.6g} m"] for k in range(4)]
+        shapes: tuple[dict[str, Any], ...] = (
+            {"plane": {}},
+            {"plane": {"size": [radius, outer], "edge_radius": "1 mm"}},
+            {"sphere": {"radius": radius, "shaft": self.random.random() < 0.5}},
+            {"cylinder": {"radius": radius, "length": outer}},
+            {"box": {"size": [radius, outer, radius], "edge_radius": f"{size / 9:.6g} m"}},
+            {"ring": {"outer_radius": outer}},
+            {"ring": {"inner_radius": radius, "outer_radius": outer,
+                      "from": f"{begin} deg", "to": f"{end:.6g} deg"}},
+            {"revolve": {"opening_radius": radius, "fillet": f"{size / 9:.6g} m",
+                         "outer_radius": outer}},
+            {"revolve": {"profile": corners, "fillets": f"{size / 20:.6g} m", "spine": radius}},
+            {"extrude": {"profile": corners, "smooth": True}},
+            {"file": file, "unit": self.random.choice(("mm", "in")),
+             "cell": self.length(1e-3, 1e-2)},
+        )  # fmt: skip
+        shape = self.random.choice(shapes)
+        self.maybe(shape, "side", self.random.choice(("+z", "-z")))
+        return shape
+
+    def place(self, most: float = 0.05) -> list[str]:
+        """Three lengths of either sign, some of them zero."""
+        return [f"{self.random.choice((0.0, 1.0)) * self.random.uniform(-most, most):.4g} m"
+                for _ in range(3)]  # fmt: skip
+
+    def stage(
+        self, number: int, tools: list[str], clamps: list[str], whole: bool
+    ) -> dict[str, Any]:
+        """What some of the tools do next; up and down only, if the blank is no whole one."""
+        table: dict[str, Any] = {"name": f"stage {number}"}
+        doing = self.random.sample(tools, self.random.randint(0, len(tools)))
+        for name in doing:
+            force = self.random.choice((self.quantity(0.1, 1e3, "N"), ["0 N", "0 N", "-5 N"]))
+            turn = {"angle": "5 deg", "axis": [0.0, 0.0, 1.0]}
+            self.maybe(turn, "through", self.place())
+            key, value = self.random.choice(
+                (("travel", self.place() if whole else ["0 mm", "0 mm", "5 mm"]),
+                 ("travel", ["0 mm", "0 mm", "-20 mm"]), ("force", force), ("remove", name),
+                 ("turn", turn) if whole else ("force", force))
+            )  # fmt: skip
+            if key == "remove":
+                table.setdefault("remove", []).append(name)
+                tools.remove(name)
+                continue
+            table.setdefault(key, {})[name] = value
+            if key != "force":
+                curve = [[0.0, 0.0], [0.5, self.random.random()], [1.0, 1.0]]
+                self.maybe(table, "curve", {name: curve}, 0.1)
+        kept = {"radius": self.length()}, {"rectangle": [self.length(), self.length()]}
+        self.maybe(table, "trim", self.random.choice(kept), 0.1)
+        if clamps and self.random.random() < 0.2:
+            table["release"] = [clamps.pop()]
+        self.maybe(
+            table, "pressure", self.quantity(1, 1e5, "Pa"), 0.3 if len(clamps) == 4 else 0.03
+        )
+        self.maybe(table, "suction", "-" + self.quantity(1, 1e2, "kPa"), 0.2)
+        self.maybe(table, "results", self.random.randint(1, 20))
+        self.maybe(table, "step", self.random.uniform(0.01, 1.0))
+        return table
+
+    def forming(self) -> dict[str, Any]:
+        """A blank among tools that should be good, though what they do may make no sense."""
+        sides = ("left", "right", "lower", "upper")
+        test: dict[str, Any] = {"kind": "forming", "gravity": self.random.random() < 0.3}
+        self.maybe(test, "symmetry", self.random.choice((["left"], ["left", "lower"])))
+        self.maybe(test, "imperfection", {"height": self.length(1e-6, 1e-3), "seed": 3})
+        contact = {"stiffness": self.quantity(1, 100, "kPa/mm"), "elastic_slip": "0.01 mm",
+                   "viscosity": self.quantity(0.1, 100, "N s/m^3")}  # fmt: skip
+        self.maybe(test, "contact", contact)
+        fabric: dict[str, Any] = {"use": "glass-pp-plain-1.93"}
+        if self.random.random() < 0.3:
+            warp, weft = (
+                {
+                    "linear_density": self.quantity(50, 2000, "tex"),
+                    "yarns": self.quantity(1, 8, "/cm"),
+                }
+                for _ in range(2)
+            )
+            sheet = {
+                "warp": warp,
+                "weft": weft,
+                "fibre_modulus": self.quantity(50, 300, "GPa"),
+                "fibre_density": self.quantity(1, 3, "g/cm^3"),
+                "fibre_diameter": "7 um",
+            }
+            self.maybe(sheet, "fibre_share", self.random.uniform(0.1, 1.0))
+            fabric = {"from_datasheet": sheet, "shear": self.shear()}
+            self.maybe(fabric, "weave", self.random.choice(("plain", "twill 2/2", "satin 5")))
+        outline = self.outline(upright=self.random.random() < 0.7)
+        if "symmetry" in test or self.random.random() < 0.5:
+            outline = {"rectangle": [self.length(0.12), self.length(0.12)]}
+        x, y = (self.random.uniform(0.03, 0.06) for _ in range(2))
+        slit = [[f"{x:.6g} m", f"{y:.6g} m"], [f"{y:.6g} m", "0.09 m"]]
+        self.maybe(outline, "slits", [slit])
+        self.maybe(outline, "darts", [[*slit, ["0.1 m", "0.1 m"]]], 0.1)
+        preform = {
+            "outline": outline,
+            "bias_angle": self.random.choice(("0 deg", "0 deg", "45 deg")),
+            "yarns_per_cruciform": self.random.randint(4, 10),
+        }
+        tools: list[dict[str, Any]] = []
+        for name in ("die", "punch", "holder", "Ring 2")[: self.random.randint(0, 4)]:
+            tool: dict[str, Any] = {"name": name, "shape": self.shape()}
+            self.maybe(tool, "friction", self.random.uniform(0, 1), 0.7)
+            self.maybe(tool, "place", self.place())
+            self.maybe(tool, "turn", ["180 deg", "0 deg", "10 deg"], 0.1)
+            tools.append(tool)
+        clamps: list[dict[str, Any]] = []
+        for edge in sides[len(test.get("symmetry", ())) : self.random.choice((0, 0, 2, 3, 4))]:
+            clamp: dict[str, Any] = {"edge": edge}
+            if self.random.random() < 0.5:
+                clamp["stiffness"] = self.quantity(0.1, 10, "N/mm")
+                self.maybe(clamp, "preload", self.quantity(0.1, 10, "N/m"))
+                self.maybe(clamp, "friction_limit", self.quantity(0.1, 10, "N"))
+            clamps.append(clamp)
+        names, edges = [tool["name"] for tool in tools], [clamp["edge"] for clamp in clamps]
+        data = {"fabric": fabric, "preform": preform, "test": test, "tool": tools, "clamp": clamps}
+        whole, count = "symmetry" not in test, self.random.randint(1, 3)
+        data["stage"] = [self.stage(i, names, edges, whole) for i in range(count)]
+        self.maybe(data, "output", {"part_outline": {"rectangle": [self.length(), self.length()]}})
         return data
 
     # -- no files, or without measure --------------------------------------------------------------
@@ -347,7 +478,10 @@ def new_cases() -> list[str]:
 def _value(value: Any) -> str:
     """Write a value as TOML, on one line."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_value(entry)}' for key, entry in value.items())} }}"
+        keys = {
+            key if re.fullmatch(r"[\w-]+", key, re.A) else json.dumps(key): key for key in value
+        }
+        return f"{{ {', '.join(f'{key} = {_value(value[own])}' for key, own in keys.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_value(entry) for entry in value)}]"
     text = json.dumps(value, ensure_ascii=False)
@@ -401,6 +535,23 @@ def user(folder: Path) -> Path:
     return folder
 
 
+def tools(folder: Path) -> Path:
+    """Make a folder for cases with files of tools: a tetrahedron, one that is open, and noise."""
+    folder.mkdir()
+    corners = ((0, 0, 40), (40, 0, 0), (-20, 35, 0), (-20, -35, 0))
+    sides = ((0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2))
+    for name, kept in (("punch", sides), ("hole", sides[:3])):
+        facets = (
+            "facet normal 0 0 0\nouter loop\n"
+            + "".join("vertex {} {} {}\n".format(*corners[k]) for k in side)
+            + "endloop\nendfacet\n"
+            for side in kept
+        )
+        (folder / f"{name}.stl").write_text(f"solid {name}\n{''.join(facets)}endsolid {name}\n")
+    (folder / "noise.stl").write_bytes(bytes(range(256)) * 2)
+    return folder
+
+
 def end_of(arguments: list[str]) -> tuple[str, str]:
     """What becomes of a command line in this process, and what was said."""
     from cruciform_petsc.cli import main
@@ -429,9 +580,9 @@ def work(connection: Connection, folder: str) -> None:
     memory.machine_memory = lambda: MEMORY
     name = f"{multiprocessing.current_process().name}-{os.getpid()}"
     own = user(Path(folder) / name)
-    before = listing(own)
+    before, cases = listing(own), tools(Path(folder) / f"{name}-cases")
     while True:
-        path = place(Path(folder) / f"{name}.toml", connection.recv())
+        path = place(cases / "case.toml", connection.recv())
         end, text = end_of(["check", str(path), "--quiet"])
         if listing(own) != before:
             end, text = FAULT, f"files of the user's have changed; {text}"

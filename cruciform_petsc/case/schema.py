@@ -90,6 +90,8 @@ class OutputTable(Table):
     """Figures of the result."""
     scene: bool = False
     """scene.png, the woven yarns in space, drawn with PyVista."""
+    animation: bool = False
+    """Of a forming: animation.gif, the blank among its tools at all results."""
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
@@ -239,8 +241,8 @@ class Case(Table):
         return self.test.finite and self.test.bending if told is None else told
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """Return the case as plain data with the case file's own keys; JSON can hold it."""
-        dump = super().model_dump(**dict[str, Any](by_alias=True, mode="json") | options)
+        """Return the case as plain data as JSON can hold it."""
+        dump = super().model_dump(**{"mode": "json"} | options)
         return {key: value for key, value in dump.items() if value != []}  # tools and stages
 
     @classmethod
@@ -299,6 +301,8 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
+        if self.output.animation and not forming:
+            problems.append("output.animation is for a forming, leave it out")
         part = self.output.part
         if part is not None:
             if not forming:

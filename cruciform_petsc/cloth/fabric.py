@@ -740,7 +740,12 @@ class FabricTable(Table):
 
         def fill_in(table: dict[str, Any], place: str, key: str, value: float) -> None:
             told.setdefault(key, {})[place] = value
-            table[key] = Quantity.read(value, HOW[key][0], bare=True)
+            try:
+                table[key] = Quantity.read(float(value), HOW[key][0], bare=True)
+            except ValueError as error:
+                raise InputError(
+                    f"fabric.from_datasheet: the estimate of {place} {error}"
+                ) from None
 
         for side in ("warp", "weft"):
             changes = given.get(side) or YarnChanges()

@@ -29,6 +29,7 @@ from ..net.network import Network
 from ..parallel import most
 from ..tools.tool import Tool
 
+REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
@@ -57,8 +58,8 @@ class ContactSettings:
     viscosity: float
 
     @classmethod
-    def of(cls, fabric: Fabric, length: float) -> ContactSettings:
-        """What suits a fabric, and a blank of it of some length [m].
+    def of(cls, fabric: Fabric, length: float, load: float = 0.0) -> ContactSettings:
+        """What suits a fabric, a blank of it of some length [m], and a load per area [Pa] on it.
 
         A pressure that strains its yarns by 1 % over a radius of ten thicknesses compacts it by
         half its thickness on either side; friction slips elastically by a hundredth of it.
@@ -67,11 +68,13 @@ class ContactSettings:
         one end and bent, comes to rest as exp(-t/T), T = c (length/1.875)^4 / B (a cantilever's
         first mode, which flows as B d^4w/dx^4 = -c dw/dt). T is a tenth of a stage. c length^2
         is 1e-8 s of the yarns' stiffness besides: a sheet that nothing holds must not float away.
+        Nor may a load throw cloth about: alone it would move it by that length in that time.
         """
         thickness = fabric.needed("thickness", "contact")
         modulus = 0.5 * (fabric.c11 + fabric.c22)
         bending = 0.5 * sum(law.stiffness0 for law in fabric.out_of_plane("forming"))
-        viscosity = 0.1 * bending * (1.875 / length) ** 4 + 1e-8 * modulus / length**2
+        viscosity = REST * bending * (1.875 / length) ** 4 + 1e-8 * modulus / length**2
+        viscosity += REST * load / length
         return cls(2e-3 * modulus / thickness**2, 0.2 * thickness, 0.01 * thickness, viscosity)
 
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from ..errors import EquilibriumError, typed_before
 from ..parallel import least
-from ..units import format_si
 from .blank import Blank
 from .forming import Formed
-from .measures import narrowest
+from .measures import length, narrowest
 from .table import StageTable
 
 BACK = 2  # steps before the last one: where smaller steps are proposed to begin
@@ -35,12 +34,14 @@ def explain(
     number = min(int(done), len(stages) - 1)
     where, cure = "", CURES.get(error.reason, "")
     if error.place is not None:
-        x, y = (_length(value) for value in error.place[:2])
+        x, y = (length(value) for value in error.place[:2])
         nodes = "1 node" if error.count == 1 else f"{error.count} nodes"
         where = f" at {nodes} of the flat blank, {'' if error.count == 1 else 'most '}at "
         where += f"x = {x}, y = {y}"
         if error.reason not in CURES:
             where = f"; forces are out of balance{where}{_pressing(blank, formed, error.place)}"
+    if not cure and stages[number].remove:
+        cure = "tools that still bear should travel away in a stage before they are removed"
     cure = cure or (
         "smaller steps (step), a softer contact or more viscosity (test.contact) may help; so does "
         "more room between tools that close on the cloth"
@@ -51,6 +52,7 @@ def explain(
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
         step = f"stage[{number}].step={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
+        going_on += " (and --output, where the run had it)"
     error.args = (
         f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
         f'"{stages[number].name}" ({error}, {error.reason}){where}. '
@@ -77,11 +79,7 @@ def _pressing(blank: Blank, formed: Formed, place: np.ndarray) -> str:
     if between is not None and between[0] < blank.thickness:
         one, other = between[1]
         told += (
-            f': "{one}" and "{other}" leave {_length(max(between[0], 0.0))}, for cloth of '
-            f"{_length(blank.thickness)}"
+            f': "{one}" and "{other}" leave {length(max(between[0], 0.0))}, for cloth of '
+            f"{length(blank.thickness)}"
         )
     return told
-
-
-def _length(value: float) -> str:
-    return format_si(float(f"{value:.4g}") + 0.0, "m")

@@ -18,16 +18,16 @@ from ..experiments.limits import remarks
 from ..fields import Table
 from ..items.clamps import preload_name
 from ..items.item import Item
-from ..items.loads import PressureAbove, Suction
+from ..items.loads import G, PressureAbove, Suction
 from ..items.ply import Ply
 from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
-from ..units import format_si
 from .blank import Blank, ContactSettings, length_of
 from .failures import explain
 from .forming import Formed, FormingStep, form
+from .measures import length
 from .table import (
     PRESSURES,
     ClampTable,
@@ -132,11 +132,20 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric, length_of(network, test.symmetry)),
+            ContactSettings.of(fabric, length_of(network, test.symmetry), self._load()),
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
         self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+
+    def _load(self) -> float:
+        """What pushes the blank as a whole at most: its weight, pressures; Pa."""
+        weight = 0.0
+        if self.test.gravity:
+            weight = G * self.network.fabric.needed("areal_density", "test.gravity = true")
+        pushes = [(stage.pressure, stage.suction) for stage in self.stages]
+        largest = max((abs(push.si) for both in pushes for push in both if push), default=0.0)
+        return largest + weight
 
     def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
         """A blank of a kind among the tools. Collective."""
@@ -218,7 +227,7 @@ class Forming:
 
     @staticmethod
     def _size_text(box: np.ndarray) -> str:
-        x, y = (format_si(float(f"{length:.4g}"), "m") for length in np.ptp(box, axis=0)[:2])
+        x, y = map(length, np.ptp(box, axis=0)[:2])
         return f"{x} x {y}"
 
     def _fit(self, table: ToolTable, tool: Tool) -> list[str]:
@@ -229,8 +238,8 @@ class Forming:
         radius = min(tool.surface.closest_radius)
         if arm > COARSE * radius and (driven or not pushed):
             remarks.append(
-                f'tool "{tool.name}" has radii down to {format_si(float(f"{radius:.3g}"), "m")}, '
-                f"and the net's arms, of {format_si(float(f'{arm:.3g}'), 'm')}, cut its corners: a "
+                f'tool "{tool.name}" has radii down to {length(radius)}, '
+                f"and the net's arms, of {length(arm)}, cut its corners: a "
                 "smaller preform.yarns_per_cruciform, or a larger preform.refine"
             )
         if table.shape.file is None:
@@ -278,8 +287,8 @@ class Forming:
                 mine = (float(gap[at]), points[at].tolist()) if len(gap) else (np.inf, [])
                 deep, (x, y, _) = min(comm.allgather(mine))
                 raise InputError(
-                    f'tool "{tool.name}" starts {format_si(-deep, "m")} deep in the cloth, at '
-                    f"x = {format_si(x, 'm')}, y = {format_si(y, 'm')}: give it a place farther "
+                    f'tool "{tool.name}" starts {length(-deep)} deep in the cloth, at '
+                    f"x = {length(x)}, y = {length(y)}: give it a place farther "
                     "off, or none, to have it start where it just touches"
                 )
         return gaps
@@ -303,24 +312,29 @@ class Forming:
                     if left < (1.0 - 1e-3) * self.thickness:
                         remarks.append(
                             f'at the end of stage "{stage.name}" tool "{high.name}" leaves '
-                            f"{format_si(float(f'{max(left, 0.0):.3g}'), 'm')} to tool "
+                            f"{length(max(left, 0.0))} to tool "
                             f'"{low.name}", less than the cloth\'s thickness of '
-                            f"{format_si(self.thickness, 'm')}"
+                            f"{length(self.thickness)}"
                         )
         return remarks
 
     def _one_sided(self) -> list[str]:
-        """Remarks on tools that are not the same on both sides of a plane of symmetry."""
-        remarks = []
+        """Remarks on tools that are not the same on both sides of a plane of symmetry.
+
+        One that lies on the blank's side of it stands for its mirror image, too.
+        """
+        remarks, side = [], self._box().mean(axis=0)
         for axis in self.test.axes:
             for tool in self.tools:
                 image = tool.start.to_lab(tool.surface.facets()[0])
+                if (image[:, axis] * side[axis] >= 0.0).all():
+                    continue
                 image[:, axis] *= -1.0
                 off = float(abs(tool.look(image, tool.start)[0]).max())
                 if off > ONE_SIDED * self.thickness:
                     remarks.append(
                         f'tool "{tool.name}" is not the same on both sides of the plane of '
-                        f"symmetry {'xy'[axis]} = 0: by {format_si(float(f'{off:.3g}'), 'm')}"
+                        f"symmetry {'xy'[axis]} = 0: by {length(off)}"
                     )
         return remarks
 
@@ -331,8 +345,8 @@ class Forming:
         told = []
         for tool in self.tools:
             side = "below" if tool.name in self.below else "above"
-            x, y, z = (format_si(float(f"{v + 0.0:.6g}"), "m") for v in tool.start.place)
-            gap = format_si(float(f"{max(round(self.gaps[tool.name], 9), 0.0) + 0.0:.3g}"), "m")
+            x, y, z = map(length, tool.start.place)
+            gap = length(max(self.gaps[tool.name], 0.0))
             told.append(
                 f'tool "{tool.name}", {side} the cloth, starts at {x}, {y}, {z}, {gap} from it'
             )

@@ -164,11 +164,11 @@ def squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | N
         return None
     depth, names, place, _ = max(everywhere)
     count = sum(number for _, others, _, number in everywhere if others == names)
-    thick = f"the cloth, which is {format_si(blank.thickness, 'm')} thick"
+    thick = f"the cloth, which is {length(blank.thickness)} thick"
     if len(names) == 2:
         words = f'tools "{names[0]}" and "{names[1]}" leave no room for {thick}'
         return words, "CLOSED", np.array(place), count
-    deep = format_si(float(f"{depth + DEEPEST * blank.thickness:.3g}"), "m")
+    deep = length(float(depth + DEEPEST * blank.thickness))
     return f'tool "{names[0]}" lies {deep} deep in {thick}', "PIERCED", np.array(place), count
 
 
@@ -227,3 +227,8 @@ def yarn_directions(blank: Blank, state: State) -> tuple[np.ndarray, np.ndarray]
         along = t[:, family] - t[:, family + 2]
         wide[family, cruciforms.rows] = along / np.linalg.norm(along, axis=1)[:, None]
     return wide[0], wide[1]
+
+
+def length(value: float) -> str:
+    """Write a length [m] for people: four digits of it, down to nanometres."""
+    return format_si(float(f"{round(value, 9):.4g}") + 0.0, "m")

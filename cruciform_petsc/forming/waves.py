@@ -18,7 +18,7 @@ and no more than cloth that waves itself: u - Gu, taken alike. Where several too
 cloth the least counts, where none does, w is u. A sine of amplitude a and wavelength l has
 h = a (1 - exp(-2 (pi s/l)^2))^2, that is 0.9 a for l = L and 0.3 a for l = 2 L.
 
-Yarns bridge a hollow of the closest tool where nothing presses, the tool is hollow over the length
+Yarns bridge a hollow of the closest tool where they do not touch it, it is hollow over the length
 s, w - u > 0, and the yarn is bent neither away from it nor by half as much as it. Its gap is told.
 """
 
@@ -126,8 +126,8 @@ class Waves:
     longest: float
 
     @classmethod
-    def of(cls, blank: Blank, state: State, pressure: np.ndarray) -> Waves:
-        """Measure a state, with the pressure at this rank's crossovers. Collective."""
+    def of(cls, blank: Blank, state: State) -> Waves:
+        """Measure a state. Collective."""
         cloth, hinge = blank.of_cloth(state), blank.ply.nodes.of_hinge
         carrying = blank.ply.carrying(cloth)
         neighbours = Neighbours(blank, carrying)
@@ -168,8 +168,7 @@ class Waves:
         for k, tool in enumerate(tools):
             hollow = w[k] - np.sign(along[k]) * u
             closest = tool.gap == nearest
-            free = near[k] & closest & (pressure == 0.0)
-            free &= np.minimum(tool.gap, hollow) > touching
+            free = near[k] & closest & (np.minimum(tool.gap, hollow) > touching)
             for family in (0, 1):
                 bent = (curvature_vector[family] * tool.normal).sum(axis=1)
                 spans = free & (bent < hollow / s**2) & (bent > -0.5 * hollow / s**2)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..experiments.net_kinematics import net_angle
 from ..parallel import least, most
-from ..quantities import EXTENSION, LOAD, force_unit, quantity
+from ..quantities import EXTENSION, LOAD, energy_unit, force_unit, quantity
 from . import pictures
 from .sample import sample_map, sample_yarns
 from .scene import woven
@@ -69,7 +69,7 @@ def scene(result: TestResult, path: str | Path, title: str = "") -> None:
     InputError
         On every rank: nothing here can draw in space, or the place cannot be written to.
     """
-    network, text = result.network, pictures.plain_text(title)
+    network, text = result.network, _told(pictures.plain_text(title), f"at {_at(result)}")
     _, sample, clamps = _panel("", result)
     pictures.save(network.comm, path, woven, sample, clamps, network.fabric, text)
 
@@ -117,7 +117,8 @@ def figures(
     drawn |= maps
     if without is not None:
         panels = [_panel("no yarn bending", without), _panel("with yarn bending", result)]
-        drawn["with_and_without_bending.png"] = partial(pictures.yarns, panels)
+        text = _told(title, f"at {_at(result)}")
+        drawn["with_and_without_bending.png"] = partial(pictures.yarns, panels, text)
     if ladder:
         differences = {
             "displacement at the crossovers": [rung["relative_l2_displacement"] for rung in ladder],
@@ -148,11 +149,23 @@ def _panel(
     return title, sample, np.concatenate(clamps)
 
 
+def _at(result: TestResult, state: State | None = None) -> str:
+    """What a state, the last, is at: "extension 40 mm"."""
+    control = (state or result.states[-1]).control
+    return result.experiment.column.text(control).replace(" deg", "°")
+
+
+def _told(title: str, what: str) -> str:
+    """A title, and below it what the picture shows."""
+    return f"{title}\n{what}".strip()
+
+
 def _yarns(result: TestResult, title: str) -> partial[Figure]:
     values, label = None, pictures.ANGLE_LABEL
     if result.experiment.colour == "tension":
         values, label = list(_tensions(result).values()), "tension (N per yarn)"
-    return partial(pictures.yarns, [_panel("", result, values=values)], title, label=label)
+    text = _told(title, f"yarns at rest, grey, and at {_at(result)}")
+    return partial(pictures.yarns, [_panel("", result, values=values)], text, label=label)
 
 
 def _stages(result: TestResult, title: str) -> partial[Figure]:
@@ -161,7 +174,7 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
     panels = []
     for i in np.linspace(0, len(result.states) - 1, count).round().astype(int):
         state = result.states[i]
-        name = result.experiment.column.text(state.control).replace(" deg", "°")
+        name = _at(result, state)
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
@@ -237,11 +250,13 @@ def _energies(result: TestResult, title: str) -> partial[Figure]:
     names["bending"] = "yarn bending"
     if not result.experiment.bending:
         del names["bending"]
-    parts = {name: 1e3 * curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    parts = {name: curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    unit, joule = energy_unit(sum(parts.values()))
+    parts = {name: part / joule for name, part in parts.items()}
     own = result.experiment.column
     control = own.scale * curve[own.column]
     column = own.sized_for(control)
-    labels = column.axis, "strain energy (mJ)"
+    labels = column.axis, f"strain energy ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 
@@ -290,7 +305,7 @@ def _centre_line(
         for label, line in found.items()
     }
     labels = "distance from the clamp (mm)", pictures.ANGLE_LABEL
-    return partial(pictures.curves, lines, labels, title)
+    return partial(pictures.curves, lines, labels, _told(title, f"at {_at(result)}"))
 
 
 # -- maps ---------------------------------------------------------------------------------------
@@ -310,7 +325,7 @@ def _maps(
     unit, newton = force_unit(largest)
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
-    in_units = {"label": f"tension ({unit} per yarn)", "share": 0.99}
+    in_units = {"label": f"tension ({unit} per yarn)"}
     for name, what, values, unit, size, rounding, options in (
         ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, compared),
         ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, in_units),
@@ -319,7 +334,8 @@ def _maps(
         if told is None:
             scaled = {key: value / size for key, value in values.items()}
             sample: Any = sample_map(network, scaled)  # on rank 0, which draws it
-            drawn[name] = partial(pictures.maps, sample, title=title, **options)
+            text = _told(title, f"{what.lower()} at {_at(result)}, on the cloth at rest")
+            drawn[name] = partial(pictures.maps, sample, title=text, **options)
         else:
             uniform[name] = told
     return drawn, uniform

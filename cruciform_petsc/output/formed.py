@@ -16,7 +16,6 @@ from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
-from ..forming.blank import Blank
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
@@ -28,24 +27,32 @@ from ..forming.measures import (
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
+from ..parallel import on_root
+from ..quantities import energy_unit, quantity
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .provenance import provenance
-from .sample import MAP_LIMIT, node_means
+from .sample import node_means, sample_surface
 from .tables import in_order, lines, write_csv, write_pieces
+from .view import View, steps_shown
 
 if TYPE_CHECKING:
     from ..case.schema import Case
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
 VTK_TRIANGLE = 5
-FRAMES = 4  # of stages.png
-YARNS = 40  # of each family that are drawn
+FRAMES, MOST_FRAMES = 4, 40  # of stages.png, of animation.gif
+NAMED_STAGES = 4  # that an axis has room for
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+VIEWED = (  # columns of fields.csv that the view in space may show
+    "shear_deg", "wrinkle_height_mm", "bridging_mm", "contact_pressure_kPa",
+    "warp_tension_N_per_mm", "weft_tension_N_per_mm", "warp_strain_percent", "weft_strain_percent",
+    "thickness_mm",
+)  # fmt: skip
 _OF_CONTACT = ("contact_pressure", "distance_to", "slip_on")
 
 
@@ -201,7 +208,11 @@ def summarize(
         )
     energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
-    if share > VISCOUS:
+    before = formed.steps[-2] if len(formed.steps) > 1 else None
+    began = before.increment.control if before else 0.0
+    spent = energy["viscous"] - (before.spent["viscous"] if before else 0.0)
+    flows = spent / (last.increment.control - began) > VISCOUS * sum(energy.values())  # per stage
+    if share > VISCOUS and flows:
         warnings.append(
             f"viscosity has taken {100.0 * share:.0f} % of the energy, so results depend on it: "
             "a smaller test.contact.viscosity, or a last stage in which nothing moves, may help"
@@ -214,7 +225,7 @@ def summarize(
         **shear,
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
         "penetration_max_mm": MM * deepest,
-        **_waves(blank, state).figures(blank, fields),
+        **Waves.of(blank, state).figures(blank, fields),
         "energy_j": energy,
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
@@ -280,6 +291,22 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
 
     docs/files.md tells what the columns are.
     """
+    network = forming.network
+    columns = crossover_columns(forming, state)
+    number, rows = in_order(
+        network.comm,
+        network.crossover_number_global,
+        network.num_crossovers_global,
+        np.column_stack(list(columns.values())),
+    )
+    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
+    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
+    text = lines(template, number, rows).replace(b"nan", b"")
+    write_pieces(network.comm, path, [head.encode(), text])
+
+
+def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
+    """Columns of fields.csv at this rank's crossovers, (n_owned,) each. Collective."""
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
     warp, weft = yarn_directions(blank, state)
@@ -292,8 +319,8 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
         np.nan if value is None else value
         for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
     )
-    waves = Waves.of(blank, state, touch["pressure"])
-    columns = {
+    waves = Waves.of(blank, state)
+    return {
         "x_rest_mm": MM * network.crossover_position[:, 0],
         "y_rest_mm": MM * network.crossover_position[:, 1],
         **{f"{letter}_mm": MM * now[:, axis] for axis, letter in enumerate("xyz")},
@@ -317,22 +344,6 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
         **{f"{name.replace(' ', '_')}_mm": MM * values for name, values in touch.items()},
         "carrying": fields["carrying"],
     }
-    number, rows = in_order(
-        network.comm,
-        network.crossover_number_global,
-        network.num_crossovers_global,
-        np.column_stack(list(columns.values())),
-    )
-    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
-    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
-    text = lines(template, number, rows).replace(b"nan", b"")
-    write_pieces(network.comm, path, [head.encode(), text])
-
-
-def _waves(blank: Blank, state: State) -> Waves:
-    """Wrinkles and bridges of a state. Collective."""
-    pressure = contact_fields(blank, state)["pressure"]
-    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
 
 
 def write_series(
@@ -379,10 +390,10 @@ def draw_all(
     table = record.table()
     time = np.append(0.0, [step.increment.control for step in record.steps])
 
-    def over_time(columns: Mapping[str, str], scale: float = 1.0) -> dict[str, Any]:
+    def over_time(columns: Mapping[str, str]) -> dict[str, Any]:
         """Columns by their labels, from zero on."""
         return {
-            label: scale * np.append(0.0, np.array(table[column], float))
+            label: np.append(0.0, np.array(table[column], float))
             for label, column in columns.items()
         }
 
@@ -392,11 +403,14 @@ def draw_all(
     frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
     forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
-    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES}, 1e3)
+    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES})
     energies["bending"] += energies.pop("out_of_plane_bending")
     spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
-    energies |= over_time(spent, 1e3)
-    axis = "stages done"
+    energies |= over_time(spent)
+    unit, joule = energy_unit(sum(energies.values()))
+    energies = {name: energy / joule for name, energy in energies.items()}
+    stages = [f"{k} {stage.name}" for k, stage in enumerate(forming.stages, 1)]
+    axis = "stages done" if len(stages) > NAMED_STAGES else f"stages done ({', '.join(stages)})"
     drawn = {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
@@ -407,7 +421,7 @@ def draw_all(
         "draw_in.png": partial(
             pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
         ),
-        "energy.png": partial(pictures.stacked, time, energies, (axis, "energy (mJ)"), title),
+        "energy.png": partial(pictures.stacked, time, energies, (axis, f"energy ({unit})"), title),
     }
     if not forming.tools:
         del drawn["tool_forces.png"]
@@ -424,19 +438,55 @@ def draw_all(
     return written
 
 
+def view_of(forming: Forming, formed: Formed) -> View:
+    """View in space for the report, from the flat blank on. Collective; empty but on rank 0."""
+    every = [forming.blank.start(), *formed.states]
+    view = View(tools={tool.name: tool.surface.facets() for tool in forming.tools})
+    for k in steps_shown(forming.network, len(every), len(VIEWED)):
+        state = every[k]
+        columns = crossover_columns(forming, state)
+        place = 1e-3 * np.column_stack([columns[f"{letter}_mm"] for letter in "xyz"])
+        values = {
+            quantity(name).axis: np.where(columns["carrying"], columns[name], np.nan)
+            for name in VIEWED
+        }
+        angle = values.pop(quantity("shear_deg").axis)
+        values = {pictures.SIZE_LABEL: abs(angle), **values}
+        view.surfaces.append(sample_surface(forming.network, place, values))
+        view.captions.append(_when(forming, state) if k else "flat blank")
+        for tool, node in zip(forming.tools, forming.blank.tool_node, strict=True):
+            there = state.factors.get(tool.name, 1.0) > 0.0
+            pose = Pose(state.x[node], state.hold.rotations[tool.name]) if there else None
+            view.poses.setdefault(tool.name, []).append(pose)
+    return view
+
+
+def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str) -> None:
+    """Write animation.gif, the blank among its tools at all results, or so many evenly. Collective.
+
+    InputError on every rank if nothing here can render.
+    """
+    frames = [_frame(forming, state) for state in _of_the_way(formed.states, MOST_FRAMES)]
+
+    def draw() -> None:
+        scene.animate(frames, directory / "animation.gif", pictures.plain_text(title))
+
+    on_root(forming.network.comm, draw)
+
+
 def _wrinkles(
     forming: Forming, state: State, title: str, summary: Mapping[str, Any]
 ) -> dict[str, Any]:
     """The picture of wrinkles' heights, where there are any. Collective."""
     if not summary["wrinkles"]["area_share"]:
         return {}
-    frame = _frame(forming, state, MM * _waves(forming.blank, state).height)
+    frame = _frame(forming, state, MM * Waves.of(forming.blank, state).height)
     return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
 
 
-def _of_the_way(states: Sequence[State]) -> list[State]:
-    """Up to FRAMES of the states, evenly, and the last."""
-    taken = np.linspace(0, len(states) - 1, min(FRAMES, len(states)))
+def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:
+    """Up to so many of the states, evenly, and the last."""
+    taken = np.linspace(0, len(states) - 1, min(most, len(states)))
     return [states[round(k)] for k in taken]
 
 
@@ -448,36 +498,25 @@ def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> 
     """
     network, blank = forming.network, forming.blank
     fields = blank.ply.fields(blank.of_cloth(state))
-    every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
-    taken = (network.crossover_ij % every == 0).all(axis=1)
     place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
     if values is None:
         values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    gathered = network.comm.gather(np.column_stack([network.crossover_ij, place, values])[taken])
+    surface = sample_surface(network, place, {"": abs(values)})
     facets = [tool.surface.facets() for tool in forming.tools]
     tools: dict[bool, list[Facets]] = {True: [], False: []}
-    for tool, surface in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
+    for tool, placed in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
         if state.factors.get(tool.name, 1.0) > 0.0:
-            tools[tool.name in forming.below].append(surface)
-    number = stage_number(state.time)
-    caption = f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
-    rows = np.concatenate(gathered or [np.zeros((0, 6))])
-    i, j = (rows[:, :2] // every).astype(np.int64).T
-    i, j = i - i.min(initial=0), j - j.min(initial=0)
-    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
-    grid[i, j] = np.arange(len(rows))
-    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
-    triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
-    lines = max(1, round(max(grid.shape) / YARNS))
-    pieces = [
-        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
-    ]
-    yarns = np.concatenate(pieces)
-    whole = (triangles >= 0).all(axis=1), (yarns >= 0).all(axis=1)
+            tools[tool.name in forming.below].append(placed)
     return scene.Frame(
-        rows[:, 2:5], abs(rows[:, 5]), triangles[whole[0]], yarns[whole[1]],
-        _joined(tools[True]), _joined(tools[False]), caption,
+        surface.points, surface.values[""], surface.triangles, surface.yarns,
+        _joined(tools[True]), _joined(tools[False]), _when(forming, state),
     )  # fmt: skip
+
+
+def _when(forming: Forming, state: State) -> str:
+    """Stage and how far it is."""
+    number = stage_number(state.time)
+    return f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"
 
 
 def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
@@ -490,7 +529,7 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     node = np.flatnonzero(~network.node_is_hinge)
     at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
     touch = contact_fields(blank, state)
-    waves = Waves.of(blank, state, touch["pressure"][ply.nodes.of_hinge])
+    waves = Waves.of(blank, state)
     points = {f"{name.replace(' ', '_')}_mm": MM * values[at] for name, values in touch.items()}
     points["contact_pressure_kPa"] = KPA / MM * points.pop("pressure_mm")
     for name, values in {"wrinkle_height": waves.height, "bridging": waves.bridging}.items():

@@ -7,6 +7,7 @@ imported when the first picture is drawn.
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -47,6 +48,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 MARKERS = ("o", "s", "^", "D", "v", "P")
 DASHES = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1, 2)))
 MOST_LABELS = 12  # of curves in a legend
+UNSEEN = 2e-3  # of a whole
 MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 SIZE_LABEL = "shear angle, absolute (°)"
@@ -68,9 +70,27 @@ def save(
 
         with rc_context(STYLE), written_whole(path) as temporary:
             figure = draw(*data, **options)
+            wrap_titles(figure)
             figure.savefig(temporary, format="png", bbox_inches="tight", pad_inches=0.08)
 
     on_root(comm, write)
+
+
+def wrap_titles(figure: Figure) -> None:
+    """Break titles that are wider than what they stand over: axes, or the whole figure."""
+    whole = figure.bbox.width
+    titles = [axes.title for axes in figure.axes]
+    titles += [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
+    if all(title.get_window_extent().width < 0.6 * whole for title in titles):
+        return
+    figure.draw_without_rendering()
+    for title in titles:
+        room = whole if title.axes is None else title.axes.get_window_extent().width
+        width = title.get_window_extent().width
+        if width > room:
+            lines = title.get_text().split("\n")
+            letters = max(10, int(max(map(len, lines)) * room / width))
+            title.set_text("\n".join(textwrap.fill(line, letters) for line in lines))
 
 
 # -- the specimen -------------------------------------------------------------------------------
@@ -147,22 +167,21 @@ def maps(
     title: str = "",
     *,
     difference: str = "",
-    share: float = 0.998,
 ) -> Figure:
     """Draw maps of a sample's values side by side, with one colour scale.
 
     ``label`` is what they are; ``difference`` that of a third map, first less second value, with a
-    scale of its own. ``share``: see `colour_scale`.
+    scale of its own.
     """
     values = list(sample.values.values())
     names = [name.capitalize() for name in sample.values]
     if difference:
         names.append(f"{names[0]} minus {names[1].lower()}")
     figure, axes, _ = _panels(*bounds(sample.outline), names if len(names) > 1 else [""])
-    groups = [(axes[: len(values)], values, colour_scale(values, share), label)]
+    groups = [(axes[: len(values)], values, colour_scale(values), label)]
     if difference:
         less = values[0] - values[1]
-        groups.append((axes[-1:], [less], colour_scale([less], 0.99, centred=True), difference))
+        groups.append((axes[-1:], [less], colour_scale([less], centred=True), difference))
     for panels, of, colours, what in groups:
         for panel, value in zip(panels, of, strict=True):
             _add_map(panel, sample, value, colours)
@@ -241,24 +260,24 @@ def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def colour_scale(
-    values: Sequence[np.ndarray], share: float = 0.998, *, centred: bool = False
+    values: Sequence[np.ndarray], share: float = 0.99, *, centred: bool = False
 ) -> ScalarMappable:
     """One scale for values, NaN grey.
 
     From zero up (or down) if they have one sign, bar a little scatter; else, or if it is to be
-    ``centred``, white at zero. The largest few of many values, beyond ``share`` of them, do not
-    stretch it: its colour bar has an arrow there.
+    ``centred``, white at zero. The largest few of each array, beyond ``share`` of its values that
+    are not zero, do not stretch it: its colour bar has an arrow there.
     """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
-    every = np.concatenate([np.ravel(value) for value in values])
-    every = every[np.isfinite(every)] if np.isfinite(every).any() else np.zeros(1)
-    low = min(0.0, float(np.quantile(every, 1.0 - share, method="lower")))
-    high = max(0.0, float(np.quantile(every, share, method="higher")))
+    found = [value[np.isfinite(value) & (value != 0.0)] for value in map(np.asarray, values)]
+    found = [value for value in found if len(value)] or [np.zeros(1)]
+    low = min(0.0, *(float(np.quantile(v, 1.0 - share, method="lower")) for v in found))
+    high = max(0.0, *(float(np.quantile(v, share, method="higher")) for v in found))
     if centred or min(-low, high) > max(0.15 * max(-low, high), ROUNDING_DEG):
-        high = float(np.quantile(np.abs(every), share, method="higher")) or 1.0
+        high = max(float(np.quantile(np.abs(v), share, method="higher")) for v in found) or 1.0
         low, shades = -high, colormaps["RdBu_r"].copy()
     else:
         # The light end of plasma would be lost on white paper.
@@ -270,6 +289,7 @@ def colour_scale(
         low = low if high == 0.0 else 0.0
     shades.set_bad("0.75")
     slack = 0.03 * (high - low)
+    every = np.concatenate(found)
     passed = 1 * (every.min() < low - slack) + 2 * (every.max() > high + slack)
     shades.colorbar_extend = ("neither", "min", "max", "both")[passed]  # type: ignore[assignment]
     return ScalarMappable(Normalize(low, high), shades)
@@ -395,8 +415,11 @@ def stacked(
 ) -> Figure:
     """Draw parts (n,) of a whole, not negative, one upon the other, against x (n,).
 
-    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes.
+    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes. Parts
+    that are never seen, below `UNSEEN` of the whole, are left out.
     """
+    whole = np.sum([*parts.values()], axis=0).max()
+    parts = {name: part for name, part in parts.items() if part.max() > UNSEEN * whole} or parts
     figure, (axes,) = _curve_axes([labels], title)
     until = 1 + int(np.abs(x).argmax())
     along = np.append(0.0, x[:until])
@@ -404,7 +427,8 @@ def stacked(
     axes.stackplot(along, heights, labels=list(parts), colors=COLOURS, alpha=0.85, linewidth=0)
     axes.plot(along, np.sum(heights, axis=0), color="0.15", linewidth=1.0)
     axes.set(xlim=(min(along), max(along)), ylim=(0.0, None))
-    axes.legend(loc="upper left", reverse=True)  # as they lie upon each other
+    # Beside them, as they lie upon each other.
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
     return figure
 
 
@@ -456,7 +480,9 @@ def _line_style(i: int, points: int) -> dict[str, Any]:
     style = {"color": COLOURS[i % len(COLOURS)], "clip_on": False, "zorder": 3}
     if points > MANY_POINTS:
         return style | {"linestyle": DASHES[i % len(DASHES)]}
-    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": 4}
+    # Later ones are smaller, and dashed: what lies below them is still seen.
+    size, dashes = max(5.5 - 1.2 * i, 3.0), DASHES[i % len(DASHES)] if points else "-"
+    return style | {"marker": MARKERS[i % len(MARKERS)], "markersize": size, "linestyle": dashes}
 
 
 def _point_style(i: int) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """One self-contained page about a run: report.html, for people who did not make it.
 
-Pictures are embedded, nothing is loaded from anywhere and nothing is executed: the template
-escapes every text, and a content security policy in the page forbids scripts besides.
+Pictures are embedded and nothing is loaded from anywhere: the template escapes every text, and a
+content security policy in the page forbids scripts, but for the one that turns a cloth in space.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from ..quantities import (
 from ..units import format_si
 from .log import last
 from .tables import written_whole
+from .view import View, packed, view_of_test
+from .view import script as viewer
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -74,6 +76,7 @@ STAGES = {
     "ladder": "finer networks compared with the membrane",
     "pictures": "pictures drawn",
     "scene": "yarns drawn in space",
+    "animation": "animation drawn",
     "total": "in all",
 }
 
@@ -106,8 +109,9 @@ def write_report(
     """Write report.html into a folder of results. Collective; rank 0 writes.
 
     The summary is as it goes into summary.json; pictures are files in the folder, curves among them
-    embedded in this order.
+    embedded in this order. A test in space has a view that can be turned.
     """
+    view = view_of_test(result)
     curve, experiment = result.curve(states=True), result.experiment
     at, captions = last_control(curve), CAPTIONS | experiment.captions
     maps = [directory / name for name in MAPS if name in pictures]
@@ -127,7 +131,7 @@ def write_report(
             "increments": _increments(summary, experiment),
         }
 
-    _write(result.network.comm, directory, case, summary, sections)
+    _write(result.network.comm, directory, case, summary, sections, view)
 
 
 def write_forming_report(
@@ -137,6 +141,7 @@ def write_forming_report(
     summary: Mapping[str, Any],
     steps: Mapping[str, Sequence],
     pictures: Sequence[str] = (),
+    view: View | None = None,
 ) -> None:
     """Write report.html of a forming; ``steps`` are the columns of forces.csv. Collective."""
     maps = [directory / name for name in pictures if name in MAPS]
@@ -168,7 +173,7 @@ def write_forming_report(
             "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
         }
 
-    _write(comm, directory, case, summary, sections)
+    _write(comm, directory, case, summary, sections, view)
 
 
 def _write(
@@ -177,6 +182,7 @@ def _write(
     case: Case,
     summary: Mapping[str, Any],
     sections: Callable[[], dict[str, Any]],
+    view: View | None,
 ) -> None:
     """Put what all reports have, and sections of one kind, into the template. Collective."""
 
@@ -191,7 +197,11 @@ def _write(
             lstrip_blocks=True,
         )
         environment.filters |= {"sentence": _sentence, "percent": _percent}
+        script, script_hash = viewer()
         text = environment.get_template("report.html.j2").render(
+            view=None if view is None else packed(view),
+            script=script,
+            script_hash=script_hash,
             case=case,
             summary=summary,
             words=_words(summary),

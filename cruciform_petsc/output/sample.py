@@ -16,6 +16,7 @@ from ..net.network import Network
 
 YARN_LIMIT = 3_000  # crossovers whose yarns can still be told apart on a page
 MAP_LIMIT = 20_000  # cells that can
+YARNS = 40  # of each family, of a surface in space
 
 
 @dataclass
@@ -81,6 +82,56 @@ class MapSample:
         """Corners of the cells blown up by ``size``, float (m, 4, 2)."""
         corner = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
         return self.centre[:, None] + size * corner @ self.sides
+
+
+@dataclass
+class Surface:
+    """Crossovers as points of a surface in space; lengths in metres.
+
+    Attributes
+    ----------
+    points : float (n, 3)
+    values : dict of float (n,)
+        NaN where a crossover has none.
+    triangles, yarns : int64 (m, 3), (k, 2)
+        Between the points; pieces of yarns, of about `YARNS` of each family.
+    """
+
+    points: np.ndarray
+    values: dict[str, np.ndarray]
+    triangles: np.ndarray
+    yarns: np.ndarray
+
+
+def sample_surface(
+    network: Network, place: np.ndarray, values: Mapping[str, np.ndarray]
+) -> Surface:
+    """Gather crossovers, or every k-th of both families, on rank 0; none on others. Collective.
+
+    ``place`` (n_owned, 3) is where this rank's crossovers are, m; ``values`` (n_owned,) are theirs.
+    The order is the same in each state of a network.
+    """
+    every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
+    taken = (network.crossover_ij % every == 0).all(axis=1)
+    own = np.column_stack([network.crossover_ij, place, *values.values()])[taken]
+    rows = np.concatenate(network.comm.gather(own) or [own[:0]])
+    i, j = (rows[:, :2] // every).astype(np.int64).T
+    i, j = i - i.min(initial=0), j - j.min(initial=0)
+    grid = np.full((i.max(initial=0) + 2, j.max(initial=0) + 2), -1)
+    grid[i, j] = np.arange(len(rows))
+    a, b, c, d = grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]
+    triangles = np.concatenate([np.column_stack(three) for three in ((a, b, c), (a, c, d))])
+    lines = max(1, round(max(grid.shape) / YARNS))
+    pieces = [
+        np.column_stack(ends)[across % lines == 0] for ends, across in (((a, b), j), ((a, d), i))
+    ]
+    yarns = np.concatenate(pieces)
+    return Surface(
+        rows[:, 2:5],
+        dict(zip(values, rows[:, 5:].T, strict=True)),
+        triangles[(triangles >= 0).all(axis=1)],
+        yarns[(yarns >= 0).all(axis=1)],
+    )
 
 
 def sample_yarns(

@@ -25,6 +25,7 @@ from ..errors import InputError
 from . import pictures
 from .folder import explaining
 from .sample import YarnSample
+from .tables import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
@@ -41,6 +42,8 @@ NEARER = 1.0  # of a piece of yarn: how far the cloth is moved towards it, tools
 AROUND = 0.1  # of the blank's size: how far around it tools are shown
 PIXELS = 1500  # of the larger side of the picture
 ELEVATION, TURN = np.deg2rad(52.0), np.deg2rad(18.0)  # of the camera, from across the long axis
+ANIMATED, DPI_ANIMATED = 0.5, 80  # share of PIXELS, dots an inch
+MILLISECONDS = 400  # each picture of an animation
 STEEL = (176, 181, 188)
 SECONDS = 300.0  # until rendering has failed
 
@@ -101,12 +104,52 @@ def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_
     cloth stays visible that has been pressed into a tool by less than its nets are coarse.
     InputError if nothing here can render.
     """
+    images, extent, colours = _formed_images(frames, 1.0 if len(frames) == 1 else 0.6)
+    captions = [frame.caption for frame in frames]
+    if len(captions) == 1:
+        title, captions = f"{title}\n{captions[0]}".strip(), [""]
+    return _page(images, extent, colours, title, captions, label)
+
+
+def animate(frames: Sequence[Frame], path: str | Path, title: str = "") -> None:
+    """Write the pictures of `formed` one after the other as a GIF that repeats. Not collective.
+
+    InputError if nothing here can render.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    images, extent, colours = _formed_images(frames, ANIMATED)
+    pages = []
+    with rc_context(pictures.STYLE):
+        for image, frame in zip(images, frames, strict=True):
+            text = f"{title}\n{frame.caption}".strip()
+            canvas = FigureCanvasAgg(
+                _page([image], extent, colours, text, [""], pictures.SIZE_LABEL)
+            )
+            canvas.figure.set_dpi(DPI_ANIMATED)
+            pictures.wrap_titles(canvas.figure)
+            canvas.draw()
+            pages.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+    palette = pages[-1].quantize()  # one for all: each has the colour bar
+    pages = [page.quantize(palette=palette) for page in pages]
+    pause = [MILLISECONDS] * (len(pages) - 1) + [3 * MILLISECONDS]
+    with written_whole(path) as temporary:
+        pages[0].save(
+            temporary, format="GIF", save_all=True, append_images=pages[1:], duration=pause, loop=0
+        )
+
+
+def _formed_images(
+    frames: Sequence[Frame], share: float
+) -> tuple[list[np.ndarray], np.ndarray, ScalarMappable]:
+    """Pictures of one view, of that share of `PIXELS`; their (width, height) in mm; the colours."""
     colours = pictures.colour_scale([frame.values for frame in frames])
     cloth = np.concatenate([frame.points for frame in frames])
     size = np.ptp(cloth, axis=0).max()
     view = _looked_at(cloth, OBLIQUE, HIGH, 0.06)
-    if len(frames) > 1:
-        view["size"] = view["size"] * 3 // 5
+    view["size"] = (view["size"] * share).astype(int)
     room = AROUND * size
     box = np.stack([cloth.min(axis=0) - room, cloth.max(axis=0) + room], axis=1).ravel()
     middle = 0.5 * (cloth.min(axis=0) + cloth.max(axis=0))
@@ -124,10 +167,7 @@ def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_
             "box": box, "middle": middle, "front": front,
         })  # fmt: skip
     images, extent = _render(scenes)
-    captions = [frame.caption for frame in frames]
-    if len(captions) == 1:
-        title, captions = f"{title}\n{captions[0]}".strip(), [""]
-    return _page(images, 1e3 * extent, colours, title, captions, label)
+    return images, 1e3 * extent, colours
 
 
 def _looked_at(

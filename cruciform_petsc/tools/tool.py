@@ -233,8 +233,8 @@ class RingTable(Table):
     edge_radius: Size | None = None
     """Of its rims; the default is 2 % of the ring's width. Example: `"5 mm"`"""
     begin: Annotated[Quantity, Of("rad")] | None = Field(alias="from", default=None)
-    """Of a sector, by half a turn at most: angle from x towards y where it begins; with to. A
-    segment of a holder. Example: `"-45 deg"`"""
+    """Of a sector, by half a turn at most: angle from x towards y where it begins; with to. Seen
+    from above, also of a tool that looks down. A segment of a holder. Example: `"-45 deg"`"""
     end: Annotated[Quantity, Of("rad")] | None = Field(alias="to", default=None)
     """Where it ends. Example: `"45 deg"`"""
 
@@ -244,10 +244,12 @@ class RingTable(Table):
             raise ValueError("needs both from and to, or none of them")
         return self
 
-    def build(self) -> Surface:
-        """Make it."""
+    def build(self, turned_over: bool = False) -> Surface:
+        """Make it; if it is then turned half around x, its angles are those seen from above."""
         if self.begin is not None and self.end is not None:
             edge, (begin, end) = _si(self.edge_radius), (self.begin.si, self.end.si)
+            if turned_over:
+                begin, end = -end, -begin
             return Sector(self.inner_radius.si, self.outer_radius.si, begin, end, edge)
         return shapes.ring(self.inner_radius.si, self.outer_radius.si, _si(self.edge_radius))
 
@@ -381,11 +383,15 @@ class ShapeTable(Table):
                 raise ValueError(f'.side must be "+z" or "-z" of a {given[0]}, got "{self.side}"')
         return self
 
-    def build(self, folder: Path = Path(), reach: float = REACH) -> Surface:
+    def build(
+        self, folder: Path = Path(), reach: float = REACH, turned_over: bool = False
+    ) -> Surface:
         """Make the surface in the tool's frame; a file is looked for from the folder."""
         if self.file is not None:
             path = folder / self.file
             return from_file(path, _si(self.unit), self.side, _si(self.cell), reach)
+        if self.ring is not None:
+            return self.ring.build(turned_over)
         return next(getattr(self, name) for name in SHAPES if getattr(self, name)).build()
 
 
@@ -422,14 +428,15 @@ class ToolTable(Table):
 
         Raises InputError, which begins with the tool's name, as Profile, Box and from_file do.
         """
+        turned_over = self.shape.file is None and (self.shape.side or facing) == "-z"
         try:
-            surface = self.shape.build(folder, reach)
+            surface = self.shape.build(folder, reach, turned_over)
         except InputError as error:
             raise InputError(f'tool "{self.name}": {error}') from None
         turn = np.eye(3)
         if self.turn is not None:
             turn = Rotation.from_euler("xyz", si_values(self.turn)).as_matrix()
-        if self.shape.file is None and (self.shape.side or facing) == "-z":
+        if turned_over:
             turn = turn @ _HALF_TURN
         place = np.zeros(3) if self.place is None else np.array(si_values(self.place))
         pose = Pose(place, turn)

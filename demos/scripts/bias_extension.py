@@ -13,37 +13,33 @@ from cruciform_petsc import BiasExtension, Fabric, Network, Preform, plot, scene
 
 WIDTH, LENGTH = 0.115, 0.23  # m
 
+folder = Path("results/scripts")  # of the pictures
+folder.mkdir(parents=True, exist_ok=True)
 
-def main(folder=None):
-    """Run the test; pictures go into a folder if one is given."""
-    # %% The cloth is in the library, its shear law identified from a measured curve.
-    fabric = Fabric.from_library("glass-pp-plain-1.93")
+# %% The cloth is in the library, its shear law identified from a measured curve.
+fabric = Fabric.from_library("glass-pp-plain-1.93")
 
-    # %% The specimen is cut at 45 degrees: pulled, its yarns turn towards the pull.
-    preform = Preform.rectangle(WIDTH, LENGTH, bias_angle="45 deg")
-    network = Network(MPI.COMM_WORLD, preform, fabric)
+# %% The specimen is cut at 45 degrees: pulled, its yarns turn towards the pull.
+preform = Preform.rectangle(WIDTH, LENGTH, bias_angle="45 deg")
+network = Network(MPI.COMM_WORLD, preform, fabric)
 
-    # %% Large displacements, three points of the curve.
-    test = BiasExtension(network, ["10 mm", "20 mm", "30 mm"], finite=True)
-    result = test.solve()
+# %% Large displacements, three points of the curve.
+test = BiasExtension(network, ["10 mm", "20 mm", "30 mm"], finite=True)
+result = test.solve()
 
-    # %% The net's kinematics: the diagonals of the middle zone give the angle.
-    free = LENGTH - WIDTH
-    cosine = (free + result.extension) / (np.sqrt(2.0) * free)
-    net = 90.0 - 2.0 * np.rad2deg(np.arccos(cosine))
+# %% The net's kinematics: the diagonals of the middle zone give the angle.
+free = LENGTH - WIDTH
+cosine = (free + result.extension) / (np.sqrt(2.0) * free)
+net = 90.0 - 2.0 * np.rad2deg(np.arccos(cosine))
 
-    # %% Before and after, flat and woven.
-    if folder is not None:
-        plot(result, f"{folder}/bias_extension.png")
-        scene(result, f"{folder}/bias_extension_woven.png")
-    return {
-        "load_N": result.load,
-        "shear_centre_deg": float(np.rad2deg(result.shear_angle_centre)),
-        "shear_of_net_deg": float(net),
-    }
-
+# %% Before and after, flat and woven.
+plot(result, f"{folder}/bias_extension.png")
+scene(result, f"{folder}/bias_extension_woven.png")
 
 # %%
-if __name__ == "__main__":
-    Path("results/scripts").mkdir(parents=True, exist_ok=True)
-    print(main("results/scripts"))
+numbers = {
+    "load_N": result.load,
+    "shear_centre_deg": float(np.rad2deg(result.shear_angle_centre)),
+    "shear_of_net_deg": float(net),
+}
+print(numbers)

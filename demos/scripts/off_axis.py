@@ -12,33 +12,29 @@ from cruciform_petsc import Fabric, Network, OffAxisTension, Preform, plot
 
 WIDTH, LENGTH = 0.04, 0.16  # m
 
-
-def main(folder=None):
-    """Run both tests; pictures go into a folder if one is given."""
-    # %%
-    fabric = Fabric.from_library("e-glass-plain-2.4")
-    preform = Preform.rectangle(WIDTH, LENGTH, bias_angle="30 deg", refine=4)
-    network = Network(MPI.COMM_WORLD, preform, fabric)
-
-    # %% Small displacements: stress over strain is the modulus.
-    modulus = {}
-    for ends in ("free", "grip"):
-        test = OffAxisTension(network, "0.1 mm", finite=False, ends=ends, bending=False)
-        result = test.solve()
-        modulus[ends] = result.load / WIDTH / (result.extension / LENGTH)
-        if folder is not None:
-            plot(result, f"{folder}/off_axis_{ends}.png")
-
-    # %% N/m to N/cm.
-    kilby = fabric.off_axis_modulus(preform.bias_angle)
-    return {
-        "free_N_per_cm": modulus["free"] / 100.0,
-        "gripped_N_per_cm": modulus["grip"] / 100.0,
-        "kilby_N_per_cm": float(kilby) / 100.0,
-    }
-
+folder = Path("results/scripts")  # of the pictures
+folder.mkdir(parents=True, exist_ok=True)
 
 # %%
-if __name__ == "__main__":
-    Path("results/scripts").mkdir(parents=True, exist_ok=True)
-    print(main("results/scripts"))
+fabric = Fabric.from_library("e-glass-plain-2.4")
+preform = Preform.rectangle(WIDTH, LENGTH, bias_angle="30 deg", refine=4)
+network = Network(MPI.COMM_WORLD, preform, fabric)
+
+# %% Small displacements: stress over strain is the modulus.
+modulus = {}
+for ends in ("free", "grip"):
+    test = OffAxisTension(network, "0.1 mm", finite=False, ends=ends, bending=False)
+    result = test.solve()
+    modulus[ends] = result.load / WIDTH / (result.extension / LENGTH)
+    plot(result, f"{folder}/off_axis_{ends}.png")
+
+# %% N/m to N/cm.
+kilby = fabric.off_axis_modulus(preform.bias_angle)
+
+# %%
+numbers = {
+    "free_N_per_cm": modulus["free"] / 100.0,
+    "gripped_N_per_cm": modulus["grip"] / 100.0,
+    "kilby_N_per_cm": float(kilby) / 100.0,
+}
+print(numbers)

@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from cruciform_petsc.case.lines import key_lines
+from cruciform_petsc.case.lines import key_lines, with_lines
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
 
@@ -143,3 +143,12 @@ def test_long_tables_take_no_time():
     """Each statement is read about once."""
     rows = ",\n".join(f"[{n}, {n}]" for n in range(4000))
     assert key_lines(f"p = [\n{rows}\n]\nq = 1")[("q",)] == 4003
+
+
+def test_every_table_is_known():
+    """Sentences find the line of whatever stands at the top of a case file."""
+    for name, field in Case.model_fields.items():
+        key = field.alias or name
+        assert with_lines("c", f"{key} = 1\n", [f"{key}[0].x is wrong"], []) == [
+            f'"c", line 1: {key}[0].x is wrong'
+        ]

@@ -205,6 +205,22 @@ def test_sheets_that_cannot_be(change, message):
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"warp": YARN | {"yarns": "1e7 /cm"}}, "areal_density = "),
+        ({"fibre_density": "1e-9 g/cm^3"}, "thickness = "),
+    ],
+)
+def test_estimates_beyond_measure(changes, told):
+    """Values that each may be, but not together: one sentence, of what follows from them."""
+    with pytest.raises(InputError) as caught:
+        fabric_table(from_datasheet=GLASS | changes).build("")
+    assert str(caught.value).startswith("fabric.from_datasheet: the estimate of fabric.")
+    assert "is too large" in str(caught.value)
+    assert "np." not in str(caught.value)
+
+
 def test_masses_that_contradict_each_other():
     """10 % are crimp and size; tex in place of den are not."""
     assert fabric_table(areal_density="600 g/m^2").questions() == []

@@ -13,8 +13,10 @@ from support.forming import CASE, formed, kept, written
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import EquilibriumError
-from cruciform_petsc.forming.failures import _pressing
+from cruciform_petsc.forming.failures import _pressing, explain
+from cruciform_petsc.forming.forming import Formed
 from cruciform_petsc.forming.measures import narrowest, squeezed
+from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.checkpoint import Checkpoint
 from cruciform_petsc.output.folder import unlock_directory
 
@@ -87,7 +89,7 @@ def test_a_tool_deep_in_the_cloth(tmp_path):
     moved = replace(state, x=x)
     what, reason, place, count = squeezed(blank, moved)
     depth = -blank.contacts[1].fields(moved)["distance"]
-    deep = f"{1e3 * depth.max():.3g} mm"
+    deep = f"{1e3 * depth.max():.4g} mm"
     assert what == f'tool "punch" lies {deep} deep in the cloth, which is 1 mm thick'
     assert reason == "PIERCED"
     np.testing.assert_array_equal(place, blank.ply.nodes.rest[blank.touching[depth.argmax()]])
@@ -146,9 +148,20 @@ def test_nothing_is_reached(tmp_path, capfd, monkeypatch):
     assert main(["run", str(path), "--output", str(out), "--quiet"]) == 2
     told = capfd.readouterr().err
     assert 'beyond 0 % of stage "close"' in told
-    assert 'resume CASE --set "stage[0].step=0.5"' in told
+    assert 'resume CASE --set "stage[0].step=0.5" (and --output, where the run had it)' in told
     assert "ended_early" in json.loads((out / "summary.json").read_text())
     assert Checkpoint.resume(COMM, out).steps == []
+
+
+def test_tools_that_bear_when_they_are_removed(tmp_path):
+    """Cloth springs free of them all at once: the way out is to draw them back first."""
+    case = Case.load(written(tmp_path, ('force = { holder = "5 N" }', 'remove = ["holder"]')))
+    forming = case.forming(Network(COMM, case.preform(), case.fabric()))
+    error = EquilibriumError("no equilibrium found", "DIVERGED_MAX_IT", [])
+    error.result = Formed(forming.blank)
+    explain(forming.blank, forming.stages, error, False)
+    assert "Tools that still bear should travel away in a stage before they are" in str(error)
+    assert "Smaller steps" not in str(error)
 
 
 def test_in_python_nothing_is_said_of_checkpoints(tmp_path, monkeypatch):

@@ -80,6 +80,11 @@ def test_tools_are_to_be_symmetric(tmp_path):
         'tool "punch" is not the same on both sides of the plane of symmetry x = 0' in remark
         for remark in remarks
     )
+    # What lies on one side stands for its image, too.
+    far = 'shaft = true } }\nplace = ["60 mm", "60 mm", "20 mm"]'
+    case = Case.load(written(tmp_path, *QUARTER, ("shaft = true } }", far)))
+    remarks = case.forming(Network(COMM, case.preform(), case.fabric())).remarks
+    assert not any("not the same on both sides" in remark for remark in remarks)
     half = ('kind = "forming"', 'kind = "forming"\nsymmetry = ["left"]')
     Case.load(written(tmp_path, half, ('["0 mm", "0 mm", "-6 mm"]', '["0 mm", "1 mm", "-6 mm"]')))
 

@@ -112,6 +112,9 @@ def test_contact_that_suits_a_fabric():
     # A tenth of the time of a cantilever's first mode, and so that the sheet does not float away.
     slowest = 1e-7 * (1.8751 / 0.02) ** 4
     assert settings.viscosity == pytest.approx(0.1 * slowest + 1e-8 * stiffness / 4e-4, rel=1e-3)
+    # A load alone would move the blank by its length in a tenth of a stage.
+    pushed = ContactSettings.of(fabric, 0.02, 300.0)
+    assert pushed.viscosity - settings.viscosity == pytest.approx(0.1 * 300.0 / 0.02)
     net = network((25, 16), fabric)
     blank = Blank(net, [Tool("bed", shapes.plane())])
     assert blank.settings == ContactSettings.of(fabric, 25e-3)
@@ -123,6 +126,11 @@ def test_a_blank_among_tools(blank):
     assert set(cloth_rest[:, 2]) == {0.5e-3}
     np.testing.assert_array_equal(blank.nodes.rest[blank.tool_node], [[0, 0, 0], TILTED.place])
     assert blank.area.sum() == pytest.approx(25e-3 * 17e-3, rel=1e-12)
+    # Hinges and the ends of arms between them share it alike: a quadrant's third each.
+    pitch = blank.network.pitch
+    inner = (abs(cloth_rest[blank.touching, :2]) < [12.5e-3, 8.5e-3] - pitch).all(axis=1)
+    assert inner.sum() > 20
+    np.testing.assert_allclose(blank.area[inner], pitch[0] * pitch[1] / 3, rtol=1e-9)
     state = blank.start()
     loads = blank.model.force(state)[1]
     weight = 0.5 * 25e-3 * 17e-3 * 9.80665

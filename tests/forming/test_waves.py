@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
-from support.formed import Gripped, network
+from support.formed import OVER, THICKNESS, Gripped, network
 
-from cruciform_petsc.forming.measures import contact_fields
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.tools import shapes
 from cruciform_petsc.tools.motion import Pose
@@ -48,8 +47,7 @@ def measured(shape, tools=(), size=(120, 120), comm=MPI.COMM_SELF, **options):
     """What is found of a cloth in a shape, and the blank."""
     blank = Gripped(network(size, comm=comm, **options), list(tools), shape=shape)
     state = blank.start()
-    pressure = contact_fields(blank, state)["pressure"][blank.ply.nodes.of_hinge]
-    waves = Waves.of(blank, state, pressure)
+    waves = Waves.of(blank, state)
     return waves, waves.figures(blank, blank.ply.fields(blank.of_cloth(state))), blank
 
 
@@ -111,6 +109,62 @@ def test_a_sine_has_its_amplitude(base, tool, way):
     assert coarse == pytest.approx(waved(1e-3, 0.03), rel=0.05)
 
 
+def test_coarse_nets_look_for_waves_of_four_pitches():
+    """On arms of 8 mm and more; finer ones for waves of 40 mm."""
+    pitch = 4 * 10e-3 / 2.4
+    waves, figures, _ = measured(
+        lambda rest: flat(rest, sine(1e-3, 4 * pitch, (0.0, 1.0))(rest)),
+        [PLATE],
+        size=(200, 200),
+        yarns_per_cruciform=4,
+    )
+    assert waves.longest == pytest.approx(4 * pitch)
+    assert figures["wrinkles"]["wavelengths_mm"] == pytest.approx([4e3 * pitch] * 2)
+    assert figures["wrinkles"]["largest_height_mm"] == pytest.approx(0.9, abs=0.05)
+
+
+def test_what_is_told_of_wrinkled_cloth():
+    """Compression of its yarns and their curvature, not those beside it."""
+
+    def shape(rest):
+        ramp = np.clip(rest[:, 0] / 30e-3, 0.0, 1.0)
+        lift = ramp**2 * (3.0 - 2.0 * ramp) * sine(1e-3, 0.03, (0.0, 1.0))(rest)
+        x = 0.98 * rest[:, 0] - 0.03 * np.minimum(rest[:, 0] + 30e-3, 0.0)
+        return np.column_stack([x, rest[:, 1], rest[:, 2] + lift])
+
+    told = measured(shape, [PLATE])[1]["wrinkles"]
+    assert told["largest_height_mm"] > 0.5
+    assert told["yarn_compression_percent"] == pytest.approx(2.0, abs=0.3)
+    assert told["curvature_beyond_tools_per_m"] == pytest.approx(
+        1e-3 * (2 * np.pi / 0.03) ** 2, rel=0.1
+    )
+
+
+@pytest.mark.parametrize("over", [False, True])
+@pytest.mark.parametrize("turn", [0.0, 30.0])
+def test_tools_are_seen_from_where_they_stand(over, turn):
+    """A cylinder turned about z, cloth on it or under it; curvature is the tool's own."""
+    c, s = np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    up = np.array([1.0, 1.0, -1.0 if over else 1.0])
+    core = Tool("core", shapes.cylinder(RADIUS), 0.0, Pose(-RADIUS * up * [0, 0, 1], turned))
+    waves, _, _ = measured(lambda rest: (on_cylinder(rest @ turned) * up) @ turned.T, [core])
+    assert np.nanmax(abs(waves.curvature)) > 10.0
+    assert np.nanmax(abs(waves.beyond_tool)) < 0.1
+
+
+def test_waves_on_a_tool_that_lies_askew():
+    """Heights are across the cloth, whatever the angle of the tool beside it."""
+    angle = np.deg2rad(45.0)
+    c, s = np.cos(angle), np.sin(angle)
+    slant = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    plate = Tool("plate", shapes.plane(), 0.0, Pose(np.array([0.0, 0.0, -1e-3]), slant))
+    lift = sine(0.2e-3, 0.03, (0.0, 1.0))
+    waves, _, blank = measured(lambda rest: flat(rest, lift(rest)), [plate])
+    near = abs(blank.network.crossover_position[:, 0]) < 8e-3
+    assert waves.height[near].max() == pytest.approx(0.2e-3, rel=0.1)
+
+
 def test_what_is_cut_off_has_none():
     """Waves on cloth that was trimmed away do not count, nor do they beside the cut."""
     net = network((120, 120))
@@ -122,8 +176,7 @@ def test_what_is_cut_off_has_none():
     blank = Gripped(net, [PLATE], shape=waved, cuts={"trim 0": shapely.box(-1, -1, 15e-3, 1)})
     for factor, height in ((1.0, 0.96), (0.0, 0.0)):
         state = replace(blank.start(), factors={"trim 0": factor})
-        pressure = contact_fields(blank, state)["pressure"][blank.ply.nodes.of_hinge]
-        waves = Waves.of(blank, state, pressure)
+        waves = Waves.of(blank, state)
         told = waves.figures(blank, blank.ply.fields(blank.of_cloth(state)))["wrinkles"]
         assert told["largest_height_mm"] == pytest.approx(height, abs=0.05)
     assert np.isnan(waves.height[net.crossover_position[:, 0] > 15e-3]).all()
@@ -184,6 +237,15 @@ def test_cloth_over_a_groove_bridges_it(turned):
     assert 10 / 120 < share < 22 / 120
     beside = abs(blank.network.crossover_position[:, 0]) > 12e-3
     assert not waves.bridging[beside].any()
+
+
+def test_cloth_that_is_pressed_bridges_nothing():
+    """The same groove, with a stamp on the cloth over it."""
+    groove = profile([[-100, 0], [-10, 0], [-5, -8], [5, -8], [10, 0], [100, 0]], 2.0)
+    over = Pose(np.array([0.0, 0.0, THICKNESS - 1e-5]), OVER)
+    stamp = Tool("stamp", shapes.plane((0.4, 0.4)), 0.0, over)
+    _, figures, _ = measured(flat, [groove, stamp])
+    assert figures["bridging"]["largest_gap_mm"] == 0.0
 
 
 def test_cloth_in_a_hollow_bridges_nothing():

@@ -14,7 +14,7 @@ from cruciform_petsc.forming.blank import Blank, ContactSettings
 from cruciform_petsc.forming.press import StagePlan
 from cruciform_petsc.items.clamps import Clamp
 from cruciform_petsc.items.loads import Suction
-from cruciform_petsc.items.trimmed import LEFT, Trimmed
+from cruciform_petsc.items.trimmed import LEFT, Trimmed, kept
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.tools import shapes
 from cruciform_petsc.tools.tool import Tool
@@ -102,3 +102,11 @@ def test_a_strip_springs_back():
     assert np.ptp(states[0].x[at, 2]) > 7e-3
     assert np.ptp(states[-1].x[at, 2]) < 1e-4 * np.ptp(states[0].x[at, 2])
     assert abs(steps[-1].tool_force["core"]).max() < 1e-6
+
+
+def test_what_is_being_cut_still_counts():
+    """Only cuts that are done take cloth away."""
+    places = np.array([[0.0, 0.0], [2.0, 0.0]])
+    cuts = {"trim 0": shapely.box(-1, -1, 1, 1)}
+    for factor, stays in ((1.0, True), (0.2, True), (0.0, False)):
+        assert kept(places, cuts, {"trim 0": factor}).tolist() == [True, stays]

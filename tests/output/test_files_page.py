@@ -4,6 +4,7 @@
 import csv
 import json
 import re
+import textwrap
 from pathlib import Path
 
 import h5py
@@ -96,3 +97,13 @@ def test_units_stand_in_names(folders):
     unit = r".*_(mm|m|m2|deg|N|J|kPa|percent|per_m|per_mm)"
     for name in arrays(folders[0] / "series.vtkhdf") + header(folders[0] / "fields.csv"):
         assert re.fullmatch(f"{unit}|{bare}", name), name
+
+
+def test_recipe_for_pyvista(folders, tmp_path, monkeypatch, capsys):
+    """As it stands in the page."""
+    pytest.importorskip("pyvista")
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "hemisphere").symlink_to(folders[0])
+    monkeypatch.chdir(tmp_path)
+    exec(textwrap.dedent(PAGE[PAGE.index("    import pyvista") :]), {})
+    assert 0.0 < float(capsys.readouterr().out) < 1e4

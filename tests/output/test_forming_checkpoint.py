@@ -266,7 +266,7 @@ FORGED = {
         for step in data["run"]["increments"]
     ][:0] or None,
     "begun in a stage that is not there": setting("run", "path", "begin", 4.0),
-    "begun before its stage": setting("run", "path", "begin", 1.0),
+    "begun before its stage": setting("run", "path", "begin", 0.0),
     "begun within": setting("run", "path", "begin", 2.5),
     "memory of another item": setting(
         "arrays", "memory", {"anvil": {"spent": {"type": "<f8", "shape": []}}}

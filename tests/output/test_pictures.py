@@ -146,7 +146,8 @@ def test_yarns(finite):
     axes, bar = figure.axes
     now = check_yarns(axes, finite, finite.states[-1])
     assert labels_of(axes) == ("x (mm)", "y (mm)")
-    assert figure.get_suptitle() == "a test"
+    told = "a test\nyarns at rest, grey, and at extension "
+    assert figure.get_suptitle().startswith(told)
     assert bar.get_ylabel() == "shear angle (°)"
     assert bar.get_ylim() == (now.norm.vmin, now.norm.vmax) == (0.0, now.norm.vmax)
     lower, upper = (path.vertices for path in collections(axes, PolyCollection)[0].get_paths())
@@ -295,14 +296,16 @@ def test_shear_maps(small):
     assert cells[0].norm is cells[1].norm
     assert cells[2].norm.vmin == -cells[2].norm.vmax
     assert (shared.get_ylabel(), off.get_ylabel()) == ("shear angle (°)", "difference (°)")
-    assert figure.get_suptitle() == "maps"
+    told = "shear angle at extension 1 mm, on the cloth at rest"
+    assert figure.get_suptitle() == f"maps\n{told}"
 
 
 def test_map_by_itself(tmp_path, small):
-    """Is headed by the title alone; its hole is paper, the cloth around it is not."""
+    """Is headed by the title and what it shows; its hole is paper, the cloth around it is not."""
     figure = drawn(small, "shear_map.png", "a map")
     axes, _ = figure.axes
-    assert (axes.get_title(), figure.get_suptitle()) == ("", "a map")
+    told = "shear angle at extension 1 mm, on the cloth at rest"
+    assert (axes.get_title(), figure.get_suptitle()) == ("", f"a map\n{told}")
     figure.savefig(tmp_path / "map.png", dpi=100)
     image = imread(tmp_path / "map.png")[..., :3]
 
@@ -356,6 +359,41 @@ def test_uniform_values_are_told():
     assert text(COMM, "T", noise, 1e-9, " N") == "T: uniform, 0 N."
 
 
+@pytest.mark.parametrize("kind", ["curves", "yarns"])
+def test_long_titles_are_broken(tmp_path, small, kind):
+    """No wider than the axes, or the figure of several, that they stand over; no letter is lost."""
+    title = "Bias extension of a specimen whose title says what it is at some length, $5 each, 45°"
+    text = pictures.plain_text(title)
+    if kind == "curves":
+        figure = pictures.curves({"a": ([0, 1], [0, 1])}, ("x", "y"), text)
+    else:
+        figure = drawn(small, "yarns.png", text)
+    pictures.save(COMM, tmp_path / "picture.png", lambda: figure)
+    figure.draw_without_rendering()
+    (shown,) = [a.title for a in figure.axes if a.get_title()] or figure.texts
+    room = figure.bbox if shown.axes is None else shown.axes.get_window_extent()
+    assert "\n" in shown.get_text()
+    assert shown.get_window_extent().width <= room.width
+    assert " ".join(shown.get_text().split()).startswith(text)
+
+
+def test_parts_that_are_not_seen_are_left_out():
+    """Of energies; if there is none at all, they are named nevertheless."""
+    x, one = np.array([1.0, 2.0]), np.array([1.0, 4.0])
+    figure = pictures.stacked(x, {"a": one, "b": 1e-4 * one, "c": 0.1 * one}, ("x", "y"))
+    assert legend_of(figure.axes[0]) == ["c", "a"]
+    figure = pictures.stacked(x, {"a": 0.0 * one}, ("x", "y"))
+    assert legend_of(figure.axes[0]) == ["a"]
+
+
+def test_curves_that_agree_are_both_seen():
+    """The later one is dashed, and its points are smaller."""
+    x = [0.0, 1.0, 2.0]
+    first, second = pictures.curves({"a": (x, x), "b": (x, x)}, ("x", "y")).axes[0].get_lines()
+    assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
+    assert first.get_markersize() > second.get_markersize()
+
+
 @pytest.mark.parametrize(
     ("values", "limits", "extend"),
     [
@@ -365,7 +403,10 @@ def test_uniform_values_are_told():
         ([[-4.0, 8.0]], (-8, 8), "neither"),
         ([[0.0, np.nan]], (0, 1), "neither"),
         ([[-2e-12, 1e-12]], (0, 1), "neither"),
-        ([np.full(5000, 5.0), [90.0]], (0, 5), "max"),
+        ([np.append(np.full(1000, 5.0), 9 * [90.0])], (0, 5), "max"),
+        ([np.append(np.full(1000, 5.0), 20 * [90.0])], (0, 90), "neither"),
+        ([np.full(1000, 5.0), np.full(10, 90.0)], (0, 90), "neither"),  # the last of many stages
+        ([np.append(np.zeros(1000), [2.0, 3.0])], (0, 3), "neither"),  # wrinkles in one place
     ],
 )
 def test_colour_scales(values, limits, extend):

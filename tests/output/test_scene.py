@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 from mpi4py import MPI
+from support.forming import written
 
 from cruciform_petsc import BiasExtension, Case, Fabric, InputError, Network, Preform
+from cruciform_petsc.cli import main
 from cruciform_petsc.cloth.weave import Weave
 from cruciform_petsc.output import figures, pictures, scene
 from cruciform_petsc.output.sample import sample_yarns
@@ -210,3 +212,41 @@ def test_one_formed_blank():
     figure = scene.formed([pressed_plate()], "A plate")
     assert figure.axes[0].get_title() == "A plate\ndraw, 50 %"
     assert figure.axes[1].get_ylabel() == pictures.SIZE_LABEL
+
+
+def test_animation(tmp_path):
+    """A picture for each time, of one size and one palette, small; it repeats."""
+    from PIL import Image
+
+    frames = [pressed_plate(caption=f"draw, {k} %") for k in (0, 50, 100)]
+    frames[0].values[:] = 0.0
+    scene.animate(frames, tmp_path / "animation.gif", "A plate")
+    assert (tmp_path / "animation.gif").stat().st_size < 300_000
+    with Image.open(tmp_path / "animation.gif") as image:
+        assert (image.n_frames, image.info["loop"]) == (3, 0)
+        bars = []
+        for k in range(3):
+            image.seek(k)
+            page = np.asarray(image.convert("RGB"), float)
+            bars.append(page[page.shape[0] // 3 : 2 * page.shape[0] // 3, -90:])
+    assert abs(bars[0] - bars[2]).mean() < 1.0  # the colour bar is the same
+
+
+def test_animation_of_a_case(tmp_path, monkeypatch):
+    """It is asked for by a key, for formings only; where it fails, results are still there."""
+    path = written(tmp_path)
+    more = "[output]\npictures = false\nparaview = false\nanimation = true\n"
+    path.write_text(f"{path.read_text()}{more}")
+    monkeypatch.setattr(scene.sys, "executable", "/bin/false")
+    assert main(["run", str(path), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "no animation.gif: " in (tmp_path / "out" / "run.log").read_text()
+    assert not (tmp_path / "out" / "animation.gif").exists()
+    assert (tmp_path / "out" / "fields.csv").exists()
+    flat = tmp_path / "flat.toml"
+    flat.write_text(
+        '[fabric]\nuse = "e-glass-plain-2.4"\n[preform]\nbias_angle = "45 deg"\n'
+        'outline = { rectangle = ["40 mm", "90 mm"] }\n[test]\nextension = "1 mm"\n'
+        "[output]\nanimation = true\n"
+    )
+    with pytest.raises(InputError, match="output.animation is for a forming"):
+        Case.load(flat)

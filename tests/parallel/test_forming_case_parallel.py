@@ -14,11 +14,13 @@ from support.forming import CASE, formed, written
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.forming.measures import contact_fields, shear_figures
+from cruciform_petsc.forming.measures import shear_figures
 from cruciform_petsc.forming.waves import Waves
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.exports import export_formed
+from cruciform_petsc.output.formed import view_of
 from cruciform_petsc.output.pattern import mapped_back
+from cruciform_petsc.output.view import packed
 
 COMM = MPI.COMM_WORLD
 STROKE = 6e-3
@@ -32,9 +34,23 @@ def shared(folder, *changes):
     return path
 
 
-def waves_of(blank, state):
-    pressure = contact_fields(blank, state)["pressure"]
-    return Waves.of(blank, state, pressure[blank.ply.nodes.of_hinge])
+def test_view_is_that_of_one_rank(tmp_path):
+    """All crossovers, joined as on one rank; rank 0 has them."""
+    path = shared(tmp_path)
+    forming, result = formed(COMM, path)
+    view = view_of(forming, result)
+    assert len(view.captions) == 4
+    if COMM.rank == 0:
+        one = view_of(*formed(MPI.COMM_SELF, path))
+        ours, theirs = (
+            np.array(sorted(map(tuple, v.surfaces[-1].points.round(6)))) for v in (view, one)
+        )
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+        assert len(view.surfaces[-1].triangles) == len(one.surfaces[-1].triangles)
+        assert len(view.surfaces[-1].yarns) == len(one.surfaces[-1].yarns)
+        packed(view)
+    else:
+        assert all(len(surface.points) == 0 for surface in view.surfaces)
 
 
 def test_fields_are_those_of_one_rank(tmp_path):
@@ -56,7 +72,7 @@ def test_fields_are_those_of_one_rank(tmp_path):
         np.testing.assert_allclose(result.steps[-1].tool_force[name], force, rtol=0, atol=1e-5)
     figures = shear_figures(forming.blank, fields)
     assert figures == pytest.approx(shear_figures(alone.blank, known), abs=1e-4)
-    waves, expected = (waves_of(f.blank, s) for f, s in ((forming, state), (alone, one)))
+    waves, expected = (Waves.of(f.blank, s) for f, s in ((forming, state), (alone, one)))
     for name in ("normal", "curvature", "height", "bridging"):
         values, all_values = getattr(waves, name), getattr(expected, name)[order][number]
         np.testing.assert_allclose(values, all_values, rtol=1e-3, atol=1e-6, err_msg=name)

@@ -188,3 +188,15 @@ def test_motion_of_a_stage():
     np.testing.assert_allclose(pose.place, [1.0, -1.0, 0.0], atol=1e-15)
     with pytest.raises(InputError, match="must have a direction"):
         from_data({"angle": "90 deg", "axis": [0.0, 0.0, 0.0]})
+
+
+@pytest.mark.parametrize("facing", ["+z", "-z"])
+def test_a_sector_lies_where_its_angles_are_seen_from_above(facing):
+    """A tool that looks down is turned over, its sector is not; nor is a file's or a profile's."""
+    radii = 'inner_radius = "90 mm", outer_radius = "225 mm"'
+    north = shaped(f'ring = {{ {radii}, from = "20 deg", to = "110 deg" }}').build(facing=facing)
+    up = 1.0 if facing == "+z" else -1.0
+    angle = np.array([0.0, 30.0, 100.0, 120.0, 260.0, 330.0]) * DEGREE
+    points = np.column_stack([0.15 * np.cos(angle), 0.15 * np.sin(angle), 0.001 * up + 0 * angle])
+    on_it = north.look(points, north.start)[0] < 0.0011
+    assert on_it.tolist() == [False, True, True, False, False, False]
