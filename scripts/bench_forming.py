@@ -124,7 +124,8 @@ def balance(formed: Formed) -> float:
     """Work of the tools over what is stored and dissipated, less one."""
     last = formed.steps[-1]
     items = [item for item in formed.blank.model.items if not item.is_load]
-    stored = sum(last.increment.energies[mode] for item in items for mode in item.modes)
+    modes = {mode for item in items for mode in item.modes}  # tools share theirs
+    stored = sum(last.increment.energies[mode] for mode in modes)
     return last.work / (stored + sum(last.spent.values())) - 1.0
 
 

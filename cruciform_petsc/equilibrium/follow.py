@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import EquilibriumError
+from ..parallel import most
 from ..units import format_si
 from .lagged import settle
+from .model import Model
 from .newton import Equilibrium
 from .stages import Stage, Step
 from .state import Found, State
@@ -147,10 +149,18 @@ def foreseen(equilibrium: Equilibrium, last: State, guess: State) -> State:
     model = equilibrium.model
     there = replace(last, time=guess.time, factors=guess.factors)
     moved, _ = equilibrium.tangent_step(there, guess.x - last.x, out_of_balance=True)
+    limit = max(equilibrium.longest_step, _farthest(model, guess.x - last.x))
+    if _farthest(model, moved) > limit:
+        return model.carried(last, guess)
     along = there.moved(moved).at(guess.hold, guess.time, guess.factors)
     guess = model.carried(last, guess)
     energy, other = (sum(model.energies(state).values()) for state in (guess, along))
     return along if other < energy else guess
+
+
+def _farthest(model: Model, moved: np.ndarray) -> float:
+    """Largest way of a node, m, of moves (n_local, dim). Collective."""
+    return most(model.comm, np.linalg.norm(moved, axis=1), 0.0)
 
 
 def extrapolated(equilibrium: Equilibrium, stage: Stage, states: Sequence[State], control: float):

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..errors import EquilibriumError
 from .newton import Equilibrium
 from .state import Found, State
@@ -14,6 +16,8 @@ SETTLED = 1e-3
 MOST_ROUNDS = 30
 # A first round seeks equilibrium only as well as what it takes as given is worth.
 FIRST = 10.0  # times the tolerance
+# Before anything has pressed nothing rubs: equilibrium may be far away then, or nowhere.
+FEW = 3  # Newton steps of a first round
 
 
 def settle(equilibrium: Equilibrium, guess: State) -> Found:
@@ -22,11 +26,13 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
     Raises EquilibriumError on every rank.
     """
     rounds: list[Found] = []
-    loose = FIRST if any(guess.memory.values()) else 1.0
+    loose, few = 1.0, np.inf
+    if any(guess.memory.values()):
+        loose, few = FIRST, np.inf if equilibrium.model.lagged(guess)[2] else FEW
     while len(rounds) < MOST_ROUNDS:
-        rounds.append(equilibrium.solve(guess, loose))
+        rounds.append(equilibrium.solve(guess, loose, few))
         guess, change, size = equilibrium.model.lagged(rounds[-1].state)
-        loose = 1.0
+        loose, few = 1.0, np.inf
         if change <= SETTLED * size and rounds[-1].residual <= rounds[-1].tolerance:
             return replace(
                 rounds[-1],

@@ -22,7 +22,7 @@ from .press import Posture, Press, StagePlan, stage_number
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
 LONGEST = 0.5  # of a pitch, in a Newton step
-MOST_ITERATIONS = 100  # where cloth snaps the way is long, and shorter steps do not shorten it
+MOST_ITERATIONS = 400  # where cloth snaps the way is long, and shorter steps do not shorten it
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _three = TypeAdapter(_Three, config=ConfigDict(strict=True, allow_inf_nan=False)).validate_python

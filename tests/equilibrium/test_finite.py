@@ -762,11 +762,11 @@ def test_steps_are_the_usual_ones_after_a_value(monkeypatch):
     monkeypatch.setattr(FiniteTest, "stage", lambda self: replace(stage(self), easy=0))
     solve_, calls = Equilibrium.solve, []  # steps do not grow
 
-    def fails_once(self, guess):
+    def fails_once(self, guess, *how):
         calls.append(guess.time)
         if len(calls) == 1:
             raise EquilibriumError("no", "MAX_IT", [])
-        return solve_(self, guess)
+        return solve_(self, guess, *how)
 
     monkeypatch.setattr(Equilibrium, "solve", fails_once)
     result = pulled(diagonals(4, 8), ["0.4 mm", "0.8 mm"])

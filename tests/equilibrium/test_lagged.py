@@ -18,15 +18,17 @@ class Pushed:
 
     def __init__(self, back):
         self.back, self.model, self.loose = back, SimpleNamespace(lagged=self.lagged), []
+        self.few = []
 
     @property
     def solved(self):
         """How often equilibrium was sought."""
         return len(self.loose)
 
-    def solve(self, guess, loose):
+    def solve(self, guess, loose, few):
         """As well as is asked for, no better."""
         self.loose.append(loose)
+        self.few.append(few)
         x = np.full((1, 3), guess.memory["push"]["force"])
         return Found(replace(guess, x=x), {}, x, 2, loose, 1.0, [1.0, loose], 1, 3, 0.5)
 
@@ -63,7 +65,7 @@ def test_only_the_first_round_is_loose(known):
     assert found.residual <= found.tolerance
     # What has no memory lags behind nothing.
     pushed = SimpleNamespace(
-        solve=lambda guess, loose: Found(guess, {}, guess.x, 1, loose, 1.0, [], 0, 0, 0.0),
+        solve=lambda guess, loose, few: Found(guess, {}, guess.x, 1, loose, 1.0, [], 0, 0, 0.0),
         model=SimpleNamespace(lagged=lambda state: (state, 0.0, 0.0)),
     )
     assert settle(pushed, replace(begin, memory={})).rounds == 1
@@ -75,3 +77,19 @@ def test_it_does_not_settle():
     with pytest.raises(EquilibriumError, match=r"friction does not settle: .* 10 of (0|10) N"):
         settle(pushed, start())
     assert pushed.solved == lagged.MOST_ROUNDS
+
+
+@pytest.mark.parametrize("pushes", [0.0, 10.0])
+def test_a_first_round_is_short_where_nothing_presses(pushes):
+    """What is far from equilibrium without friction goes a few steps before friction is known."""
+    pushed = Pushed(0.0)
+    known = pushed.lagged
+
+    def silent(state):
+        state, change, size = known(state)
+        return state, change, size if pushed.few or pushes else 0.0
+
+    pushed.model.lagged = silent
+    settle(pushed, start())
+    assert pushed.few[0] == (np.inf if pushes else lagged.FEW)
+    assert set(pushed.few[1:]) == {np.inf}
