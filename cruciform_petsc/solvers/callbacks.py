@@ -9,6 +9,7 @@ next callback, or the end of the call, lets them do what they do.
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -36,6 +37,8 @@ def callback(function: Callable) -> Callable:
             _obey()
             return function(*arguments)
         except BaseException as error:
+            # Collected garbage may call Python, which crashes with an error pending in PETSc's C.
+            gc.disable()
             _noted.append(error)
             raise
 
@@ -64,6 +67,8 @@ def calling_back(solver: PETSc.Object) -> Iterator[None]:
                 end_unless_all(solver.comm.tompi4py(), str(ours))
                 error = ours
             raise error from None
+        finally:
+            gc.enable()
 
 
 @contextmanager
