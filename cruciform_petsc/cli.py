@@ -590,10 +590,9 @@ def _is_option(argument: str) -> bool:
 def _check_petsc_option(argument: str, name: str) -> None:
     """Refuse what is more likely a slip in one of our options than an option of PETSc."""
     meant = "--" + name.lstrip("-").lower()
-    if len(meant) == len("--b"):  # a letter is no slip in a word
-        return
     close = [ours for ours in _OPTIONS if ours.startswith(meant)]
-    close += get_close_matches(meant, _OPTIONS, 1, 0.75)
+    if len(meant) > len("--b"):  # a letter is no slip in a word
+        close += get_close_matches(meant, _OPTIONS, 1, 0.75)
     if close and name not in _PETSC_TOO:
         raise InputError(f'there is no option "{name}", did you mean "{close[0]}"?')
     if name.startswith("--"):

@@ -601,7 +601,7 @@ def test_collective_loading(tmp_path, case):
     [
         ("run c --set a.b=1 -ksp_type cg", "run c --set a.b=1", "-ksp_type cg"),
         ("run c -ksp_view --quiet", "run c --quiet", "-ksp_view"),
-        ("run --output -x c -y -1e-3 -b", "run --output -x c", "-y -1e-3 -b"),
+        ("run --output -x c -y -1e-3 -z", "run --output -x c", "-y -1e-3 -z"),
         ("run c --set=a.b=-1 -options_left -help", "run c --set=a.b=-1", "-options_left -help"),
         ("run c -log_view :log.txt --output d", "run c --output d", "-log_view :log.txt"),
         ("fabrics", "fabrics", ""),
