@@ -141,8 +141,10 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         return _agree(control, failure)
     except KeyboardInterrupt:
         return _interrupted(control, hint)
-    except Exception as error:
-        if process.came:  # an interrupt on its way through PETSc
+    except SystemExit:
+        raise
+    except BaseException as error:  # pydantic's Rust panics with what is no Exception
+        if process.came:  # an interrupt on its way through PETSc, or Rust
             return _interrupted(control, hint)
         told = _in_words(error)
         if told:
@@ -153,7 +155,7 @@ def guarded(comm: MPI.Intracomm, work: Callable[[], None], hint: Callable[[], st
         return _abort(control, 1)
 
 
-def _in_words(error: Exception) -> object:
+def _in_words(error: BaseException) -> object:
     """What is told of an error that is no fault of the program, though it has not been foreseen."""
     if isinstance(error, MemoryError):
         return "there is not enough memory: choose a coarser net or a smaller outline"
