@@ -63,8 +63,7 @@ def export(
     InputError
         On every rank: no such state, another word for ``hold``, the place cannot be written to.
     """
-    if hold not in HELD:
-        raise InputError(f'hold must be "{HELD[0]}" or "{HELD[1]}", got {hold!r}')
+    _check_hold(hold)
     if not -len(result.states) <= index < len(result.states):
         raise InputError(f"there are {len(result.states)} states, index {index} is not one of them")
     network, comm = result.network, result.network.comm
@@ -99,6 +98,11 @@ def export(
     return paths
 
 
+def _check_hold(hold: str) -> None:
+    if hold not in HELD:
+        raise InputError(f'hold must be "{HELD[0]}" or "{HELD[1]}", got {hold!r}')
+
+
 def write_deck(comm: MPI.Intracomm, path: Path, pieces: Iterable[tuple[str, bytes]]) -> None:
     """Write lines that are the same on every rank, and those of each, piece by piece. Collective.
 
@@ -128,8 +132,7 @@ def export_formed(
     InputError
         On every rank: another word for ``hold``, the place cannot be written to.
     """
-    if hold not in HELD:
-        raise InputError(f'hold must be "{HELD[0]}" or "{HELD[1]}", got {hold!r}')
+    _check_hold(hold)
     network, blank, comm = forming.network, forming.blank, forming.network.comm
     directory, fields = Path(folder), blank.ply.fields(blank.of_cloth(state))
     warp, weft = yarn_directions(blank, state)
