@@ -240,19 +240,25 @@ def test_three_corners(tmp_path):
     assert summary["shear_max_deg"] > 3.0
 
 
-def test_tutorial(tmp_path):
-    """The case and the commands of the page, as they stand there, one after the other."""
-    text = (DEMOS.parent / "docs" / "tutorial.md").read_text()
+def follow(page, name, commands, folder):
+    """Do what a page of the docs says, with its case as a file; returns what is printed."""
+    text = (DEMOS.parent / "docs" / page).read_text()
     case = text.split("```toml\n")[1].split("```")[0]
-    (tmp_path / "sheet.toml").write_text(f"{case}[output]\npictures = false\n")  # others have
-    (tmp_path / "demos").symlink_to(DEMOS)
+    (folder / name).write_text(f"{case}[output]\npictures = false\n")  # others have
+    (folder / "demos").symlink_to(DEMOS)
     lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
-    assert sum(line.startswith("cruciform-petsc") for line in lines) == 8
+    assert sum(line.startswith("cruciform-petsc") for line in lines) == commands
     done = subprocess.run(
-        ["bash", "-euc", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True,
+        ["bash", "-euc", "\n".join(lines)], cwd=folder, capture_output=True, text=True,
         timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_tutorial(tmp_path):
+    """The case and the commands of the page, as they stand there, one after the other."""
+    follow("tutorial.md", "sheet.toml", 8, tmp_path)
     results = tmp_path / "results"
     summary = json.loads((results / "predicted" / "summary.json").read_text())
     assert summary["case"]["preform"]["outline"]["rectangle"] == ["150 mm", "450 mm"]
@@ -272,18 +278,8 @@ def test_tutorial(tmp_path):
 
 def test_forming_tutorial(tmp_path):
     """The case and the commands of the page, as they stand there, one after the other."""
-    text = (DEMOS.parent / "docs" / "tutorial-forming.md").read_text()
-    case = text.split("```toml\n")[1].split("```")[0]
-    (tmp_path / "tutorial.toml").write_text(f"{case}[output]\npictures = false\n")  # others have
-    (tmp_path / "demos").symlink_to(DEMOS)
-    lines = [line[4:] for line in text.splitlines() if line.startswith("    ")]
-    assert sum(line.startswith("cruciform-petsc") for line in lines) == 3
-    done = subprocess.run(
-        ["bash", "-euc", "\n".join(lines)], cwd=tmp_path, capture_output=True, text=True,
-        timeout=600, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "shear" in done.stdout
+    said = follow("tutorial-forming.md", "tutorial.toml", 3, tmp_path)
+    assert "shear" in said
     folder = tmp_path / "results" / "tutorial"
     told = {name: (folder / name).stat().st_size for name in ("fields.csv", "outline.svg")}
     assert min(told.values()) > 500
