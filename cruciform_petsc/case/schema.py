@@ -30,6 +30,7 @@ from ..forming.table import (
     ClampTable,
     FormingTable,
     StageTable,
+    check_course,
     check_pressure,
     check_stages,
 )
@@ -322,6 +323,13 @@ class Case(Table):
         if preform and forming:
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
+        if fabric and beside and fabric.remembers:
+            problems.append(
+                "the membrane of [continuum] knows no fabric.shear_viscosity and shear_friction"
+            )
+        if fabric and forming:
+            with problems.caught():
+                check_course(fabric, self.stages)
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")

@@ -38,6 +38,7 @@ from .datasheet import (
     contradiction,
     sentence,
 )  # fmt: skip
+from .resistance import FrictionTable, ShearFriction, ShearViscosity, ViscosityTable
 from .weave import Weave
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
@@ -119,6 +120,10 @@ class Fabric:
     """Stiffness of yarns in compression over that in tension."""
     compression_width: float = 1e-4
     """Strain over which the stiffness falls when a yarn goes from tension into compression."""
+    shear_viscosity: ShearViscosity | None = None
+    """Of cloth in a melt or a resin, beside the law of shear."""
+    shear_friction: ShearFriction | None = None
+    """Between warp and weft, beside the law of shear."""
     areal_density: float | None = None
     """Mass of the yarns per area of the cloth at rest [kg/m^2]; for gravity and exports."""
     thickness: float | None = None
@@ -207,9 +212,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
-        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
-        `from_table`.
+        ``changes`` replace the library's ``shear``, ``shear_viscosity``, ``shear_friction`` and
+        ``tension`` as a whole, ``out_of_plane_bending``, ``areal_density``, ``thickness``,
+        ``fibre_density``; as for `from_table`.
 
         Examples
         --------
@@ -233,6 +238,11 @@ class Fabric:
     def shear(self) -> Potential:
         """Energy per area over the shear angle, psi(gamma) [N/m over rad]."""
         return linear(self.shear_modulus) if self.shear_law is None else self.shear_law
+
+    @property
+    def remembers(self) -> bool:
+        """Whether shear resists by more than its law, which only finite deformation knows."""
+        return self.shear_viscosity is not None or self.shear_friction is not None
 
     @property
     def warp_tension(self) -> Potential:
@@ -650,6 +660,12 @@ class FabricTable(Table):
     """Beside warp, alike."""
     shear: ShearTable | None = None
     """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
+    shear_viscosity: ViscosityTable | None = None
+    """Of cloth in a melt or a resin; its shear resists by its rate, too. Needs test.speed, or the
+    duration of stages. Example: `{ viscosity = "50 N s/m" }`"""
+    shear_friction: FrictionTable | None = None
+    """Between warp and weft, so that unloading is another way than loading.
+    Example: `{ torque = "5 N/m" }`"""
     tension: TensionTable | None = None
     """Which strain, and yarns in compression; in place of the library's.
     Example: `{ strain = "log", compression = 0.01 }`"""
@@ -680,8 +696,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness, "
-                "fibre_density and weave may stand)"
+                "(beside use only shear, shear_viscosity, shear_friction, tension, "
+                "out_of_plane_bending, areal_density, thickness, fibre_density and weave may stand)"
             )
         if self.use is not None and self.from_datasheet is not None:
             raise ValueError("needs either use or from_datasheet, not both")
@@ -805,6 +821,8 @@ class FabricTable(Table):
             log_strain=tension.strain == "log",
             compression=tension.compression,
             compression_width=tension.compression_width,
+            shear_viscosity=None if self.shear_viscosity is None else self.shear_viscosity.build(),
+            shear_friction=None if self.shear_friction is None else self.shear_friction.build(),
             **{key: given[key].si for key in _PLY_DATA if key in given},
             weave=self.weave or "plain",
         )

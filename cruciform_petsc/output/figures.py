@@ -251,12 +251,15 @@ def _energies(result: TestResult, title: str) -> partial[Figure]:
     if not result.experiment.bending:
         del names["bending"]
     parts = {name: curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    spent, what = "dissipated_in_shear_J", "strain energy"
+    if spent in curve:
+        parts["dissipated in shear"], what = curve[spent], "energy"
     unit, joule = energy_unit(sum(parts.values()))
     parts = {name: part / joule for name, part in parts.items()}
     own = result.experiment.column
     control = own.scale * curve[own.column]
     column = own.sized_for(control)
-    labels = column.axis, f"strain energy ({unit})"
+    labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 

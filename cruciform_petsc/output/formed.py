@@ -143,7 +143,7 @@ class Record:
         columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
         for mode in ENERGIES:
             columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
-        for mode in ("friction", "viscous"):
+        for mode in steps[-1].spent if steps else ():
             columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
         columns["work_of_tools_J"] = [step.work for step in steps]
         for name in steps[-1].load_work if steps else ():
@@ -405,8 +405,9 @@ def draw_all(
     edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
     energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES})
     energies["bending"] += energies.pop("out_of_plane_bending")
-    spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
-    energies |= over_time(spent)
+    energies |= over_time(
+        {how.replace("_", " "): f"dissipated_{how}_J" for how in record.steps[-1].spent}
+    )
     unit, joule = energy_unit(sum(energies.values()))
     energies = {name: energy / joule for name, energy in energies.items()}
     stages = [f"{k} {stage.name}" for k, stage in enumerate(forming.stages, 1)]
