@@ -238,7 +238,8 @@ def _shear_force(result: TestResult, title: str) -> partial[Figure]:
     end = float(ends[np.abs(ends).argmax()])
     angle = np.deg2rad(np.linspace(0.0, np.clip(end, -85.0, 85.0), 200))
     law = 1e-3 * result.network.fabric.shear.evaluate(angle)[1] / np.cos(angle)
-    guides = {"the fabric's law": (np.rad2deg(angle), law)}
+    name = f"the fabric's {'elastic ' if result.network.fabric.remembers else ''}law"
+    guides = {name: (np.rad2deg(angle), law)}
     labels = pictures.ANGLE_LABEL, force.axis
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
