@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from support.forming import CASE, formed, kept, same_end, written
+from support.forming import formed, kept, same_end, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
@@ -42,7 +42,7 @@ def cups(tmp_path_factory):
         "rubs": changes(RUBS),
     }.items():
         found[name] = formed(COMM, written(tmp_path_factory.mktemp("cup"), *told))[1].steps
-    return {name: steps for name, steps in found.items()}
+    return found
 
 
 def force(steps):
