@@ -69,7 +69,7 @@ def export(
     network, comm = result.network, result.network.comm
     directory = prepare_directory(comm, folder)
     table, deck = paths = [directory / "crossovers.csv", directory / "preform.inp"]
-    own = _crossover_columns(result, result.states[index], hold)
+    own = crossover_columns(result, result.states[index], hold)
     number, rows = in_order(
         comm,
         network.crossover_number_global,
@@ -183,7 +183,9 @@ def _cell_columns(mesh: Mesh) -> dict[str, np.ndarray]:
     }
 
 
-def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str, np.ndarray]:
+def crossover_columns(
+    result: TestResult, state: State, hold: str = HELD[0]
+) -> dict[str, np.ndarray]:
     """What is told of this rank's crossovers (n_owned,), NaN where it is not known. Collective."""
     network, fabric, fields = result.network, result.network.fabric, state.fields
     rotation = _yarn_rotations(result, state)
