@@ -46,7 +46,7 @@ def test_cell_by_cell(tmp_path, monkeypatch):
             exec(block.text, names | {"other": names["without"]})
     pyplot.close("all")
     assert names["result"].load == pytest.approx(8.19, abs=0.01)
-    assert len(names["formed"].states) == 4
+    assert len(names["formed"].states) == 3
     assert {path.name for path in tmp_path.iterdir()} == {"glass_pp_bias.csv", "both.png"}
 
 
