@@ -33,9 +33,10 @@ from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
+from .cells import area_ratio
 from .provenance import provenance
 from .sample import node_means, sample_surface
-from .tables import in_order, lines, write_csv, write_pieces
+from .tables import write_crossovers, write_csv
 from .view import View, steps_shown
 
 if TYPE_CHECKING:
@@ -299,18 +300,7 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
 
     docs/files.md tells what the columns are.
     """
-    network = forming.network
-    columns = crossover_columns(forming, state)
-    number, rows = in_order(
-        network.comm,
-        network.crossover_number_global,
-        network.num_crossovers_global,
-        np.column_stack(list(columns.values())),
-    )
-    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
-    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
-    text = lines(template, number, rows).replace(b"nan", b"")
-    write_pieces(network.comm, path, [head.encode(), text])
+    write_crossovers(forming.network, path, crossover_columns(forming, state))
 
 
 def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
@@ -321,8 +311,7 @@ def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
     hinge = blank.ply.nodes.of_hinge
     touch = {name: values[hinge] for name, values in contact_fields(blank, state).items()}
     now = blank.ply.nodes.rest[hinge] + fields["displacement"]
-    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
-    area = stretched * np.cos(fields["shear_angle"])
+    area = area_ratio(fields)
     mass, fraction = (
         np.nan if value is None else value
         for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
