@@ -206,8 +206,8 @@ def figure(
     draw = {"loads": _draw_curves, "residuals": _draw_residuals, "law": _draw_law}
     for axes, part in zip(every, parts, strict=True):
         draw[part](axes, calibration)
-        if ax is None:
-            axes.label_outer()
+    if ax is None and len(parts) > 1:
+        every[0].label_outer()  # the residuals are below the loads
     if title and ax is None:
         chart.suptitle(plain_text(title), fontsize=10.5)
     return chart
