@@ -24,6 +24,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from ..drawn import Shown
 from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Read, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
@@ -88,7 +89,7 @@ class YarnFamily:
 
 
 @dataclass(frozen=True, repr=False)
-class Fabric:
+class Fabric(Shown):
     """A woven cloth, elastic in the plane.
 
     Raises

@@ -369,9 +369,12 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(
+            formed = form(
                 self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
             )
+            return replace(formed, of=self)
         except EquilibriumError as error:
+            if error.result is not None:
+                error.result.of = self
             explain(self.blank, self.stages, error, keeper is not None)
             raise
