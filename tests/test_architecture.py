@@ -19,6 +19,7 @@ ORDER = [
     {"fields"},
     {"quantities"},
     {"laws"},
+    {"tension"},
     {"parallel"},
     {"memory"},
     {"solvers", "cloth"},
