@@ -176,6 +176,9 @@ class Case(Table):
         for name, key in (("preform", "outline"), ("output", "part_outline")):
             if isinstance(data.get(name), dict):
                 paths.append((data[name].get(key), "file"))
+        fabric = data.get("fabric")
+        if isinstance(fabric, dict) and isinstance(fabric.get("tension"), dict):
+            paths.append((fabric["tension"].get("surface"), "file"))
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..elements import cruciform
 from ..elements.cruciform import Cloth
-from ..laws import shear_resistances
+from ..laws import linear, shear_resistances
 from ..net.lattice import HELD, OPPOSITE, QUADRANTS
 from .item import Item, Placed, Work
 from .nodes import PlyNodes, unit
@@ -280,14 +280,16 @@ class Cruciforms(Item):
 
 def cloth(fabric) -> Cloth:
     """A Fabric in the kernels' terms."""
+    biaxial, none = fabric.biaxial_law, linear(0.0)
     return Cloth(
-        fabric.warp_tension.packed,
-        fabric.weft_tension.packed,
+        (fabric.warp_tension if biaxial is None else none).packed,
+        (fabric.weft_tension if biaxial is None else none).packed,
         fabric.shear.packed,
-        float(fabric.c12),
+        float(fabric.c12) if biaxial is None else 0.0,
         bool(fabric.log_strain),
         float(fabric.compression),
         float(fabric.compression_width),
+        np.zeros(0) if biaxial is None else biaxial.packed,
     )
 
 

@@ -101,11 +101,7 @@ class Ply(PlyNodes):
             t0[:, 0] * t[..., 1] - t0[:, 1] * t[..., 0], np.einsum("mki,ki->mk", t, t0)
         )
         warp, weft = c.mean(stretch - 1.0, 0), c.mean(stretch - 1.0, 1)
-        e, e1, _ = fabric.effective_strain(1.0 + np.stack([warp, weft]))
-        tension = (
-            (fabric.warp_tension.evaluate(e[0])[1] + fabric.c12 * e[1]) * e1[0],
-            (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
-        )
+        tension = fabric.tension(1.0 + np.stack([warp, weft], axis=-1))[1]
         energy = np.concatenate([c.work(state, ENERGY, rows)[0] for rows in c.chunks()])
         bent = np.zeros((nodes.num_nodes_local, len(self.bends.modes)))
         for rows in self.bends.chunks():
@@ -127,8 +123,8 @@ class Ply(PlyNodes):
             "arm_rotation": spread(rotation),
             "warp_strain": spread(warp),
             "weft_strain": spread(weft),
-            "warp_tension": spread(tension[0]),
-            "weft_tension": spread(tension[1]),
+            "warp_tension": spread(tension[:, 0]),
+            "weft_tension": spread(tension[:, 1]),
             "shear_angle": spread(c.shear_angles(t)),
             "tension_energy": spread(energy[:, 0]),
             "shear_energy": spread(energy[:, 1]),

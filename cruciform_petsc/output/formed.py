@@ -442,7 +442,8 @@ def curves_of(
     }
     energies = over_time("energy_", "_J")
     energies["bending"] += energies.pop("out_of_plane_bending")
-    energies |= over_time("dissipated_", "_J")
+    spent = over_time("dissipated_", "_J")
+    energies |= {name.replace("in_", "dissipated in "): values for name, values in spent.items()}
     unit, joule = energy_unit(sum(energies.values()))
     energies = {name: energy / joule for name, energy in energies.items()}
     labels = axis, f"energy ({unit})"
