@@ -33,6 +33,7 @@ from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
+from .log import tell_assumed
 from .provenance import provenance
 from .sample import node_means, sample_surface
 from .tables import in_order, lines, write_csv, write_pieces
@@ -279,6 +280,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
         text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
+    tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 

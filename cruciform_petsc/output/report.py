@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cloth.datasheet import assumed_shear
 from ..parallel import on_root
 from ..quantities import (
     angle_text,
@@ -206,6 +207,7 @@ def _write(
             summary=summary,
             words=_words(summary),
             fabric=fabric(case),
+            assumed_shear=assumed_shear(summary["fabric"]["assumed"]),
             case_tables=_case(case),
             sizes=_sizes(summary),
             times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
@@ -447,9 +449,9 @@ def fabric(case: Case) -> dict[str, Any]:
         words.append(fabric.source)
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
-    words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
     table = Table([fabric.name, "warp", "weft"], rows)
-    return {"table": table, "text": " ".join(word for word in words if word)}
+    text = " ".join(word for word in words if word)
+    return {"table": table, "text": text, "filled_in": case.fabric_table.filled_in()}
 
 
 def _case(case: Case) -> list[tuple[str, list[tuple[str, str]]]]:
