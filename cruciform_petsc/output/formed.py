@@ -35,7 +35,7 @@ from ..units import format_si
 from . import paraview, pictures, scene
 from .log import tell_assumed
 from .provenance import provenance
-from .sample import node_means, sample_surface
+from .sample import node_means, sample_map, sample_surface
 from .tables import in_order, lines, write_csv, write_pieces
 from .view import View, steps_shown
 
@@ -49,6 +49,7 @@ NAMED_STAGES = 4  # that an axis has room for
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+WRINKLES = "height of wrinkles (mm)"
 VIEWED = (  # columns of fields.csv that the view in space may show
     "shear_deg", "wrinkle_height_mm", "bridging_mm", "contact_pressure_kPa",
     "warp_tension_N_per_mm", "weft_tension_N_per_mm", "warp_strain_percent", "weft_strain_percent",
@@ -416,6 +417,7 @@ def draw_all(
     drawn = {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
+        **_flat_maps(forming, formed.states[-1], title, summary),
         **_wrinkles(forming, formed.states[-1], title, summary),
         "tool_forces.png": partial(
             pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
@@ -476,6 +478,23 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
     on_root(forming.network.comm, draw)
 
 
+def _flat_maps(
+    forming: Forming, state: State, title: str, summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Maps of the flat blank, which no tool hides: shear, and wrinkles if there are. Collective."""
+    fields = forming.blank.ply.fields(forming.blank.of_cloth(state))
+    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    shown = {"shear_map.png": (shear, "shear angle (°)")}
+    if summary["wrinkles"]["area_share"]:
+        shown["wrinkle_map.png"] = (MM * Waves.of(forming.blank, state).height, WRINKLES)
+    told = f"{title}\n{_when(forming, state)}, on the flat blank"
+    drawn: dict[str, Any] = {}
+    for name, (values, label) in shown.items():
+        sample: Any = sample_map(forming.network, {"": values})  # on rank 0, which draws it
+        drawn[name] = partial(pictures.maps, sample, label, told)
+    return drawn
+
+
 def _wrinkles(
     forming: Forming, state: State, title: str, summary: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -483,7 +502,7 @@ def _wrinkles(
     if not summary["wrinkles"]["area_share"]:
         return {}
     frame = _frame(forming, state, MM * Waves.of(forming.blank, state).height)
-    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
+    return {"wrinkles.png": partial(scene.formed, [frame], title, WRINKLES)}
 
 
 def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:

@@ -45,6 +45,8 @@ MAPS = {  # {at}: the last value asked for
     "formed.png": "The formed blank {at}, coloured by the size of the shear angle, on its tools; "
     "those from above are cut open in front.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
+    "wrinkle_map.png": "Height of wrinkles {at}, drawn on the flat blank.",
+    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
     "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
@@ -52,7 +54,6 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
-    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
@@ -62,6 +63,7 @@ CAPTIONS = MAPS | {  # and Experiment.captions
 }
 FORMING_CAPTIONS = {
     "stages.png": "On the way there, in true scale and with one colour scale.",
+    "shear_map.png": "Shear angle {at}, with its sign, drawn on the flat blank.",
     "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
 }
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has

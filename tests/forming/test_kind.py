@@ -182,7 +182,7 @@ def test_run_and_check(tmp_path, capfd):
     assert steps.max() < 5.0  # in order along the outline, 4.17 mm apart
     drawn = 28.0 - min(abs(float(row["x_mm"])) for row in ends if float(row["x_rest_mm"]) > 27.9)
     assert drawn == pytest.approx(summary["draw_in_mm"]["right"])
-    assert (folder / "outline.svg").read_text().count("<polyline") == 2
+    assert (folder / "outline.svg").read_text().count("<polyline") == 3  # blank, draw-in, warp
     assert {path.name for path in folder.iterdir() if path.suffix == ".vtkhdf"} == {
         "series.vtkhdf", "tools.vtkhdf",
     }  # fmt: skip
