@@ -194,6 +194,7 @@ def test_pictures_and_report(tmp_path):
     assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
     drawn = {path.name for path in folder.glob("*.png")}
     assert drawn >= {"tool_forces.png", "draw_in.png", "energy.png"}
+    assert drawn >= {"shear_map.png", "wrinkle_map.png"}  # flat, so without VTK too
     page = (folder / "report.html").read_text()
     words = ("Forming", "<h2>Part</h2>", "punch, force along z", "[[tool]]", "[[stage]]")
     for text in (*words, "Wrinkles start from"):
