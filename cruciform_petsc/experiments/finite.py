@@ -22,6 +22,7 @@ from ..items.ply import Ply
 from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
+from .stability import Watch
 
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
@@ -181,14 +182,15 @@ def solve_finite(
     last: list[result.State] = []  # whether asked for or not
     dim, nodes = test.model.dim, test.ply.nodes
 
-    def state_after(number: int) -> result.State:
-        state = (
-            kept[number]
-            if keeper is None
-            else keeper.state(test.model, number, done[number].control, test.at)
-        )
-        return test.measured_anew(state)
+    def placed(number: int) -> State:
+        if keeper is None:
+            return kept[number]
+        return keeper.state(test.model, number, done[number].control, test.at)
 
+    def state_after(number: int) -> result.State:
+        return test.measured_anew(placed(number))
+
+    watch = None
     found = result.TestResult(
         experiment,
         test.ply.supports,
@@ -205,7 +207,8 @@ def solve_finite(
         energies = step.increment.energies
         energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
         state = test.result_state(step.state, Measured(step.increment.load, step.forces))
-        increment = replace(step.increment, energies=energies, columns=found.row(state))
+        columns = found.row(state) | (watch.columns(step.state) if watch else {})
+        increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)
         last[:] = [state]
         if increment.asked:
@@ -218,6 +221,11 @@ def solve_finite(
             accepted(increment)
 
     try:
+        stage = test.stage()
+        if experiment.stability is not None:
+            watch = Watch(test, equilibrium, start)
+            watch.foretell()
+            stage = watch.stage(stage)
         if keeper is not None:
             earlier = keeper.restore(test.model, test.at)
             if earlier is None:
@@ -228,10 +236,14 @@ def solve_finite(
                     done.append(increment)
                     if increment.asked:
                         states.append(test.measured_anew(state))
-        follow(equilibrium, test.stage(), path, take)
+        follow(equilibrium, stage, path, take)
+        if watch is not None:
+            found.buckling = watch.finish(done, placed)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
+        if watch is not None:
+            watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)
             if last and (not states or states[-1] is not last[0]):
@@ -239,4 +251,6 @@ def solve_finite(
             error.result = found if states else None
         raise
     equilibrium.destroy()
+    if watch is not None:
+        watch.destroy()
     return found

@@ -11,13 +11,14 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import Problems
 from ..fields import Count, Of, Quantities, Size, Table, si_values
-from ..units import format_si
+from ..units import Quantity, format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
 MOST_INCREMENTS = 100_000
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Way = Annotated[Quantity, Of("m", good=lambda way: way != 0.0, wanted="other than 0")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
 
@@ -29,6 +30,19 @@ class ImperfectionTable(Table):
     Example: `"0.1 mm"`"""
     seed: Annotated[int, Field(ge=0)] = 1
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
+
+
+class StabilityTable(Table):
+    """[test] stability: critical loads and modes (docs/stability.md), with finite = true."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are told."""
+    branch: bool = True
+    """Go on along the branch that leaves where the cloth becomes unstable; false: along the
+    unstable state."""
+    step: Way | None = None
+    """How far along its mode the cloth is moved there, negative: to the other side. The default is
+    a tenth of the fabric's thickness, or a thousandth of the longer side. Example: `"0.05 mm"`"""
 
 
 class KindTable(Table):
@@ -84,6 +98,9 @@ class TestTable(KindTable):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
+    stability: StabilityTable | None = None
+    """Where the cloth becomes unstable, what shape it takes there and beyond, with finite = true.
+    Example: `{ modes = 2 }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
@@ -102,6 +119,15 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.stability is not None and not self.finite:
+            raise ValueError(
+                ".stability needs finite = true: small displacements are always stable"
+            )
+        if self.stability is not None and self.control != next(iter(self.controls)):
+            raise ValueError(
+                f".stability follows the {next(iter(self.controls))}, give that in place of "
+                f"{self.control}"
+            )
         return self
 
     @classmethod
