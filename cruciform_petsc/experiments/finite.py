@@ -19,6 +19,7 @@ from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
 from ..items.loads import imperfection
 from ..items.ply import Ply
+from ..items.truss import TrussPly
 from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
@@ -65,7 +66,8 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        kind = TrussPly if experiment.model == "truss" else Ply
+        self.ply = kind(constraints, out_of_plane, experiment.flat)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.model = model_of(self.ply)

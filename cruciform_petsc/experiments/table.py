@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -59,7 +59,21 @@ class KindTable(Table):
     kind: str
     """Which experiment."""
     bending: bool = True
-    """Yarns bend in the plane; false: they are hinged."""
+    """Yarns bend in the plane; false: they are hinged, as always with model = "truss"."""
+    model: Literal["coupled", "truss"] = "coupled"
+    """Cruciforms; or a truss of pin-jointed bars along the yarns with soft diagonals, at finite
+    deformation (docs/models.md)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _truss_is_hinged(cls, data: Any) -> Any:
+        return data | {"bending": False} if data.get("model") == "truss" else data
+
+    @model_validator(mode="after")
+    def _truss(self) -> KindTable:
+        if self.model == "truss" and not getattr(self, "finite", True):
+            raise ValueError('has model = "truss", which is for finite deformation only')
+        return self
 
     def placed(self, preform: Preform) -> Preform:
         """The preform where the test has it: as it is drawn."""
@@ -119,6 +133,8 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.imperfection is not None and self.model == "truss":
+            raise ValueError(".imperfection is what yarns are bent by, and those of a truss do not")
         if self.stability is not None and not self.finite:
             raise ValueError(
                 ".stability needs finite = true: small displacements are always stable"

@@ -445,8 +445,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, bending, finite, space, imperfection, '
-            "stability, increments, extension)",
+            '[test] has the unknown key "load" (known: kind, bending, model, finite, space, '
+            "imperfection, stability, increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
@@ -584,6 +584,14 @@ def test_bad_override(write, override):
         (
             ["test.finite=true", "test.space=true", 'test.imperfection={height="-1 mm"}'],
             'test.imperfection.height must be positive, got "-1 mm"',
+        ),
+        (
+            ["test.model=truss", "test.finite=false"],
+            'test has model = "truss", which is for finite deformation only',
+        ),
+        (
+            ["test.model=truss", "test.space=true", 'test.imperfection={height="1 mm"}'],
+            "test.imperfection is what yarns are bent by, and those of a truss do not",
         ),
         (
             ["test.finite=false", "test.stability={}"],

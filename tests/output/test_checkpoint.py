@@ -109,6 +109,7 @@ BACK = {"kind": "bias-extension", "extension": ["2 mm", "-1 mm", "2 mm"]}
 FRAME = {"kind": "picture-frame", "angle": ["6 deg", "20 deg"]}
 FREE = {"kind": "off-axis-tension", "ends": "free", "extension": "1 mm", "increments": 3}
 DEAD = {"kind": "cantilever", "load": ["1e-4 N", "3e-4 N"], "increments": 4}
+TRUSS = {"kind": "bias-extension", "extension": "3 mm", "increments": 4, "model": "truss"}
 TWICE = {"kind": "bias-extension", "extension": ["1 mm", "1 mm", "2 mm"], "increments": 3}
 TWICE_BY_LOAD = {"kind": "bias-extension", "load": ["0.1 N", "0.1 N", "0.15 N"]}
 KINDS = {
@@ -119,6 +120,7 @@ KINDS = {
     "turning grips": (FRAME, "0 deg"),
     "free ends": (FREE, "30 deg"),
     "dead load": (DEAD, "0 deg"),
+    "truss": (TRUSS, "45 deg"),
 }
 
 
