@@ -8,9 +8,9 @@ Prints a table in Markdown for each case, and draws results/compare_models.png: 
 of demos/finite_bias_extension.toml, and the hemisphere of demos/hemisphere.toml with so many yarns
 to a cruciform. Cruciforms are shown without yarn bending in the plane, too, as neither other model
 has any, in the plane or out of it. The membrane is the orthotropic one of continuum/, whose
-triangles have edges along the yarns on the hemisphere; they are as large as the pitch, quadratic, of
-the bias extension, and half as large, linear, on the hemisphere. Times are processor times of all ranks, once kernels are
-compiled; Newton steps those of accepted steps.
+triangles have edges along the yarns on the hemisphere: linear ones of half the pitch; of the bias
+extension they are quadratic, as large as the pitch. Times are processor times of all ranks, once
+kernels are compiled; Newton steps those of accepted steps.
 """
 
 from __future__ import annotations

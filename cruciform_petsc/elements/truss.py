@@ -95,7 +95,8 @@ def crosses(
     for arm in range(4):
         there = length[:, arm] > 0
         rest = np.where(there, length[:, arm], 1.0)
-        beside = area[:, (arm == QUADRANTS).any(axis=1)].sum(axis=1) * there
+        at = np.flatnonzero(QUADRANTS[:, arm % 2] == arm)
+        beside = area[:, at].sum(axis=1) * there
         size = np.where(there, np.linalg.norm(x[:, arm] - x[:, 4], axis=1), 1.0)
         e, e1, e2 = strain(size / rest)
         y, y1, y2 = (warp, weft)[arm % 2].evaluate(e)
