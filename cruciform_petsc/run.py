@@ -283,6 +283,8 @@ class _Run:
             paraview.write_state(directory / "network.vtkhdf", result, notes)
             if max(len(result.states), len(result.increments)) > 1:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
+            if result.buckling is not None and result.buckling.modes:
+                paraview.write_modes(directory / "mode.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)
         if self.measured is not None:

@@ -24,7 +24,7 @@ from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
-from .blank import Blank, ContactSettings, length_of
+from .blank import Blank, ContactSettings, TrussBlank, length_of
 from .failures import explain
 from .forming import Formed, FormingStep, form
 from .measures import length
@@ -140,7 +140,9 @@ class Forming:
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
-        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+        truss = test.model == "truss"  # whose yarns bend by no waves
+        waves = (height, wave.seed) if height and not truss else None
+        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves)
         self.blank.ply.cruciforms.course = course_of(test, self.stages)
 
     def _load(self) -> float:

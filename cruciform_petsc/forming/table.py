@@ -354,6 +354,12 @@ def check_stages(
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
+        pushed = [key for key in PRESSURES if getattr(stage, key) is not None]
+        if pushed and test.model == "truss":
+            problems.append(
+                f'stage[{i}].{pushed[0]} is not for test.model = "truss", whose surface it would '
+                "not follow"
+            )
         problems += _across_planes(test, f"stage[{i}]", stage)
         for edge in stage.release:
             if edge not in held:

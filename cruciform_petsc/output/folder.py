@@ -38,6 +38,7 @@ OF_RUN = (
     "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
     "net_pattern.dxf",
     "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
+    "mode.vtkhdf", "mode.png", "lowest_stiffness.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "wrinkle_map.png", "centre_line.png",
     "ladder.png", "shear_against_load.png", "shear_force.png",

@@ -27,7 +27,7 @@ from ..quantities import (
     tension_text,
 )
 from ..units import format_si
-from .log import last
+from .log import last, stability_texts
 from .tables import written_whole
 from .view import View, packed, view_of_test
 from .view import script as viewer
@@ -54,6 +54,10 @@ MAPS = {  # {at}: the last value asked for
     "with_and_without_bending.png": "The same with and without yarns that resist bending.",
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
+    "mode.png": "Shape of the cloth where it becomes unstable, or of the linearised problem, at "
+    "rest; its size is arbitrary.",
+    "lowest_stiffness.png": "Lowest stiffness: where it is zero the cloth becomes unstable, below "
+    "it would leave its state.",
     "energy.png": "Strain energy: tension, shear, yarn bending.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
@@ -251,6 +255,8 @@ def _key_figures(
         angle = last(summary.get(key, np.nan))
         if np.isfinite(angle):
             yield name, angle, angle_text(angle, "°")
+    for name, text in stability_texts(summary, experiment.column):
+        yield name, 1.0, _signed(text)
     energy = sum(last(value) for value in summary["energy_j"].values())
     shown = f"{energy:.4g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.4g} mJ"
     yield "strain energy", energy, shown
