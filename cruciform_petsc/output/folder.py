@@ -49,8 +49,9 @@ OF_CALIBRATION = (
 )  # fmt: skip
 OF_COMPARISON = ("comparison.json", "comparison.png")
 OF_SWEEP = ("sweep.csv", "sweep.png")
+OF_KILBY = ("kilby.json", "kilby.csv", "kilby.png")
 LOG = "run.log"  # of each command that solves; the next one of its kind begins it anew
-KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, LOG, CHECKPOINT, PUT_ASIDE)
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, *OF_KILBY, LOG, CHECKPOINT, PUT_ASIDE)
 
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.
