@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
 from cruciform_petsc.cloth import datasheet, fabric, preform
-from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
+from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import table as forming
@@ -89,9 +89,14 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),
-    ("`[test]`, every kind but forming", TestTable),
+    ("`[test]`, every kind but forming, drape, inflation", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
+    *(
+        (f'`[test]`, `kind = "{kind}"`', kind_class(kind).table)
+        for kind in KINDS
+        if forms(kind) and kind != "forming"
+    ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
     ("`[[tool]]`", tool.ToolTable),

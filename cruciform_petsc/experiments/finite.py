@@ -64,7 +64,7 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        self.ply = Ply(constraints, out_of_plane, experiment.flat, experiment.prestretch)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.model = model_of(self.ply)

@@ -36,7 +36,7 @@ OF_RUN = (
     "crossovers.csv", "cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad",
     "forces.csv", "fields.csv", "tools.vtkhdf",
     "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
-    "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
+    "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png", "shadow.png",
     "scene.png", "yarns.png", "stages.png", "energy.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
     "shear_against_load.png", "shear_force.png",
