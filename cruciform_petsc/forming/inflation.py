@@ -122,10 +122,8 @@ class InflationTable(ArrangedTable):
             for k, clamp in enumerate(clamps):
                 clamp["lift"] = [raised[k], raised[(k + 1) % 4]]
             stages.append({"name": "raise", **more})
-        told: list[Any] = self.pressure if isinstance(self.pressure, list) else [self.pressure]
-        for pressure in told:
-            if pressure is None:
-                continue
+        given = [] if self.pressure is None else self.pressure
+        for pressure in given if isinstance(given, list) else [given]:
             down = f"{-pressure.si:.17g} Pa"
             name = f"to {pressure}"
             stages.append({"name": name, "pressure": down, "results": self.results, **more})
