@@ -28,6 +28,7 @@ FINITE = {
     "biaxial": ("force_warp_n", 800.0),
     "cantilever": ("tip_across_mm", 28.919694),
     "finite_bias_extension": ("load_n", 8.568834),
+    "frame_under_tension": ("load_n", 6.832723),
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
@@ -36,7 +37,8 @@ FINITE = {
     "sin_potential": ("load_n", 11.20169),
 }
 FORMING = {
-    "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "three_corners",
+    "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
+    "three_corners",
 }  # fmt: skip
 # Load at which it becomes unstable, N, on the way and linearised; and the closed form's.
 BUCKLING = {
@@ -246,14 +248,33 @@ def test_double_dome_at_45_degrees(tmp_path):
 
 
 def test_drape(tmp_path):
-    """The disc carries the cloth's weight; its rim hangs, so that it covers less than flat."""
+    """Discs carry the cloth's weight; its rim hangs in folds, about as measured: 82.9 %."""
     summary = form("drape", 1, tmp_path, "preform.yarns_per_cruciform=6")
-    weight = 0.15 * 9.80665 * np.pi * 0.15**2
-    assert summary["tool_force_n"]["disc"][2] == pytest.approx(weight, rel=2e-3)
+    weight = 0.1238 * 9.80665 * np.pi * 0.15**2
+    up = sum(force[2] for force in summary["tool_force_n"].values())
+    assert up == pytest.approx(weight, rel=2e-3)
+    told = summary["drape"]
+    # 74.6 % at a pitch of 30 mm, 81.5 % at the demo's 20 mm, 83.1 % at 15 mm
+    assert told["coefficient_percent"] == pytest.approx(74.6, abs=2.0)
+    assert told["folds"] >= 2
+    # The outline through yarns' ends in plan bounds the shadow: this cloth does not fold under.
     table = np.genfromtxt(tmp_path / "outline.csv", delimiter=",", names=True)
     area = shapely.Polygon(np.column_stack([table["x_mm"], table["y_mm"]])).buffer(0).area
+    flat = np.column_stack([table["x_rest_mm"], table["y_rest_mm"]])
     disc = np.pi * 90.0**2
-    assert 0.1 < (area - disc) / (np.pi * 150.0**2 - disc) < 0.6
+    share = (area - disc) / (shapely.Polygon(flat).area - disc)
+    assert told["coefficient_percent"] == pytest.approx(100 * share, abs=0.5)
+
+
+def test_sail(tmp_path):
+    """Edges carry what the wind pushes; the form of force densities is where it began."""
+    summary = form("sail", 1, tmp_path, "preform.yarns_per_cruciform=2")
+    up = sum(clamp["force_n"][2] for clamp in summary["clamps"].values())
+    assert up == pytest.approx(-500 * 4.0, rel=1e-3)
+    told = summary["inflation"]
+    assert told["force_densities"]["rise_mm"] == pytest.approx(600.0, rel=1e-3)
+    assert told["volume_m3"][0] == pytest.approx(0.3 * 4.0, rel=5e-3)  # of the saddle, on its way
+    assert told["volume_m3"][0] < told["volume_m3"][1] < told["volume_m3"][2]
 
 
 def test_three_corners(tmp_path):

@@ -15,6 +15,7 @@ from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
 from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
+from ..experiments.table import prestretch
 from ..fields import Table
 from ..items.clamps import preload_name
 from ..items.item import Item
@@ -30,6 +31,7 @@ from .forming import Formed, FormingStep, form
 from .measures import length
 from .table import (
     PRESSURES,
+    ArrangedTable,
     ClampTable,
     FormingTable,
     StageTable,
@@ -92,6 +94,8 @@ class Forming:
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
+    # Items whose factors grow over the first stage, besides preloads.
+    growing: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -105,7 +109,7 @@ class Forming:
         **keys: Any,
     ):
         self.network, self.options, fabric = network, options or {}, network.fabric
-        test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
         tables = _tables(ToolTable, "tool", tools)
         self.stages = _tables(StageTable, "stage", stages)
@@ -119,7 +123,7 @@ class Forming:
         self.tools = [self._make(table, folder) for table in tables]
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
-        grown = dict.fromkeys(self._preloads(), 1.0)
+        grown = dict.fromkeys(self._growing(), 1.0)
         self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
@@ -165,7 +169,8 @@ class Forming:
             symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
-            factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
+            prestretch=prestretch(getattr(self.test, "pretension", None), self.network.fabric),
+            factors=dict.fromkeys((*PRESSURES, *self._growing()), 0.0),
             **further,
         )
 
@@ -186,9 +191,12 @@ class Forming:
 
     # -- clamps and pressures -------------------------------------------------------------------
 
-    def _preloads(self) -> list[str]:
+    def _growing(self) -> list[str]:
         """Names of the factors that grow over the first stage."""
-        return [preload_name(clamp.edge) for clamp in self.clamps if clamp.preload is not None]
+        preloads = [
+            preload_name(clamp.edge) for clamp in self.clamps if clamp.preload or clamp.lift
+        ]
+        return [*preloads, *self.growing]
 
     def _pressures(self) -> list[Callable[[Ply], Item]]:
         """What makes the pressures that stages name; their factors are in Pa, downwards."""
@@ -363,6 +371,10 @@ class Forming:
                     )
         return remarks
 
+    def figures(self, formed: Formed) -> dict[str, Any]:
+        """What only this kind tells of a forming, by keys of the summary. Collective."""
+        return {}
+
     # -- what runs call ---------------------------------------------------------------------------
 
     def check(self) -> list[str]:
@@ -399,3 +411,27 @@ class Forming:
                 error.result.of = self
             explain(self.blank, self.stages, error, keeper is not None)
             raise
+
+
+class Arranged(Forming):
+    """A forming whose tools, clamps and stages follow from its own keys. Collective.
+
+    Parameters
+    ----------
+    network : Network
+        See Forming.
+    options : mapping, optional
+        PETSc options for the solver, without the prefix.
+    **keys
+        Those of the kind's `table`, as in ``[test]`` of a case file.
+    """
+
+    table: ClassVar[type[ArrangedTable]]
+    reference = ""
+
+    def __init__(
+        self, network: Network, *, options: Mapping[str, object] | None = None, **keys: Any
+    ):
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        tools, clamps, stages = test.arranged()
+        super().__init__(network, tools, stages, clamps, options=options, **keys)

@@ -16,7 +16,19 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems, unknown
 from ..experiments.table import KindTable, check_viscosity
-from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
+from ..fields import (
+    Count,
+    Length,
+    Name,
+    Number,
+    Of,
+    Quantities,
+    Ring,
+    Sides,
+    Size,
+    Table,
+    si_values,
+)
 from ..items.clamps import Clamp, clamp_name
 from ..items.cruciforms import Course
 from ..items.nodes import PlyNodes
@@ -28,7 +40,16 @@ from .press import LARGEST_STEP, StagePlan, stage_number
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
 PRESSURES = ("pressure", "suction")
-TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", *PRESSURES, "viscosity")
+TAKEN = (
+    "bends",
+    "cruciforms",
+    "gravity",
+    "imperfection",
+    "loads",
+    *PRESSURES,
+    "twist",
+    "viscosity",
+)
 
 
 def _a_force(force: Quantities) -> Quantities:
@@ -98,6 +119,9 @@ class ClampTable(Table):
     """Beyond which yarn ends slip. Of the whole clamp, or per width. Example: `"50 N"`"""
     slides: bool = False
     """Held in height only: the seam of a cushion of which this is one half."""
+    lift: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    """By which the edge's ends are raised over the first stage, straight between them: its first
+    and its last corner, with the cloth on the left. Example: `["0 mm", "200 mm"]`"""
 
     @model_validator(mode="after")
     def _a_spring(self) -> ClampTable:
@@ -121,7 +145,8 @@ class ClampTable(Table):
                 (self.stiffness, "N/m/m"), (self.preload, "N/m"), (self.friction_limit, "N/m")
             )
         )  # fmt: skip
-        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides)
+        lift = None if self.lift is None else si_values(self.lift)
+        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides, lift=lift)
 
 
 class FormingTable(KindTable):
@@ -177,7 +202,7 @@ class FormingTable(KindTable):
             )
         with problems.caught():
             super().check(preform, fabric)
-        by = 'test.kind = "forming"'
+        by = f'test.kind = "{self.kind}"'
         with problems.caught():
             fabric.needed("thickness", by)
         with problems.caught():
@@ -187,6 +212,14 @@ class FormingTable(KindTable):
             with problems.caught():
                 fabric.needed("areal_density", "test.gravity = true")
         problems.tell()
+
+
+class ArrangedTable(FormingTable):
+    """A forming whose tools, clamps and stages follow from keys of its own."""
+
+    def arranged(self) -> tuple[list[ToolTable], list[ClampTable], list[StageTable]]:
+        """Make them."""
+        raise NotImplementedError
 
 
 class TrimTable(Table):

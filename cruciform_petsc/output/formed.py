@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.drape import Drape
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
@@ -239,6 +241,7 @@ def summarize(
         "energy_j": energy,
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
+        **forming.figures(formed),
     }
     if forming.test.symmetry:
         summary["symmetry"] = {
@@ -268,6 +271,10 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
+    if "drape" in summary:
+        log.info("drape         %s", _drape_text(summary["drape"]))
+    if "inflation" in summary:
+        log.info("inflation     %s", _inflation_text(summary["inflation"]))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
     log.info("draw-in       %s", drawn)
     told = "%s%.3g mm high at most, %.3g %% of the cloth"
@@ -292,6 +299,25 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
+
+
+def _drape_text(told: Mapping[str, Any]) -> str:
+    text = f"coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        text += f", {told['folds']} folds, {told['fold_depth_mm']:.3g} mm deep in the mean"
+    if told["change_while_at_rest"] is not None:
+        text += f"; {told['change_while_at_rest']:+.2g} points while it came to rest"
+    return text
+
+
+def _inflation_text(told: Mapping[str, Any]) -> str:
+    tension = max(told[f"{family}_tension_max_n_per_cm"][-1] for family in ("warp", "weft"))
+    text = f"at {format_si(told['pressure_pa'][-1], 'Pa')} the net rises by "
+    text += f"{told['rise_mm'][-1]:.4g} mm, over {told['volume_m3'][-1]:.4g} m^3, tension up to "
+    text += f"{tension:.4g} N/cm"
+    if "force_densities" in told:
+        text += f"; the form of force densities {told['force_densities']['rise_mm']:.4g} mm"
+    return text
 
 
 # -- fields ----------------------------------------------------------------------------------------
@@ -410,6 +436,7 @@ def figures_of(
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
         **_flat_maps(forming, last, height, title),
         **_wrinkles(forming, last, height, title),
+        **(_shadow(forming, formed, title) if isinstance(forming, Drape) else {}),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
 
@@ -454,6 +481,27 @@ def curves_of(
     energies = {name: energy / joule for name, energy in energies.items()}
     labels = axis, f"energy ({unit})"
     return drawn | {"energy.png": partial(pictures.stacked, time, energies, labels, title)}
+
+
+def _shadow(forming: Drape, formed: Formed, title: str) -> dict[str, Any]:
+    """The picture of what a drape test's instrument shows. Collective."""
+
+    def rings(shape: shapely.Geometry | None) -> list[list[np.ndarray]]:
+        pieces = [] if shape is None else shapely.get_parts(shape)
+        return [
+            [MM * shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
+            for piece in pieces
+        ]
+
+    shadow, flat = (rings(forming.shadow(s)) for s in (formed.states[-1], forming.blank.start()))
+    told = forming.figures(formed)["drape"]
+    words = f"{title}: drape coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        words += f", {told['folds']} folds"
+    disc = MM * forming.test.support_radius.si
+    warp = float(np.arctan2(*forming.network.preform.warp_direction[::-1]))
+    draw = partial(pictures.shadow, shadow, flat[0] if flat else [], disc, warp, words)
+    return {"shadow.png": draw}
 
 
 def view_of(forming: Forming, formed: Formed) -> View:

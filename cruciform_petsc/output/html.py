@@ -18,6 +18,7 @@ import shapely
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
+from ..experiments.registry import forms
 from ..experiments.result import TestResult
 from ..forming.forming import Formed
 from ..quantities import quantity, si_text
@@ -87,7 +88,7 @@ def _(shown: Formed) -> str:
 def _(shown: Result) -> str:
     curve, summary = shown.curve(), shown.summary
     rows = [("kind", shown.kind), ("folder", str(shown.folder))]
-    rows += _of_forming(curve) if shown.kind == "forming" else _last(shown.curve(states=True))
+    rows += _of_forming(curve) if forms(shown.kind) else _last(shown.curve(states=True))
     warnings = [str(sentence) for sentence in summary.get("warnings", [])]
     text = [f"Ended early: {shown.ended_early}"] if shown.ended_early else []
     title = str(summary.get("title", "")) or shown.folder.name

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Given = Axes | Sequence[Axes] | None  # to draw into
 
 Values = Sequence[float] | np.ndarray
+Rings = Sequence[np.ndarray]  # corners (n, 2) of each
 Curves = Mapping[str, tuple[Values, Values]]  # (x, y) by label
 
 STYLE: dict[str, Any] = {
@@ -423,6 +424,43 @@ def curves(
     _include_zero(axes)
     if guides is not None or before + len(lines) + len(points) > 1:
         axes.legend()
+    return figure
+
+
+def shadow(
+    parts: Sequence[Rings], flat: Rings, disc: float, warp: float, title: str, ax: Given = None
+) -> Figure:
+    """Draw a draped cloth's shadow as the instrument shows it, mm.
+
+    Parameters
+    ----------
+    parts : sequence of rings
+        Of each piece its outline and holes, float (n, 2).
+    flat : rings
+        Of the flat cloth.
+    disc : float
+        Radius of what it lies on.
+    warp : float
+        Angle of the warp from x, radians.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    def patch(rings: Rings, **style: Any) -> PathPatch:
+        return PathPatch(Outline.make_compound_path(*map(Outline, rings)), **style)
+
+    figure, (axes,) = _curve_axes([("x (mm)", "y (mm)")], title, (5.2, 5.0), ax)
+    axes.grid(False)
+    for rings in parts:
+        axes.add_patch(patch(rings, facecolor="0.25", edgecolor="none"))
+    axes.add_patch(patch(flat, fill=False, edgecolor="0.5", linestyle="--", linewidth=0.9))
+    around = np.linspace(0.0, 2.0 * np.pi, 181)
+    axes.plot(disc * np.cos(around), disc * np.sin(around), color="white", linewidth=1.0)
+    size = 1.05 * max(np.abs(ring).max() for ring in flat)
+    x, y = 0.6 * disc * np.cos(warp), 0.6 * disc * np.sin(warp)
+    axes.annotate("", (x, y), (-x, -y), arrowprops={"arrowstyle": "->", "color": "white"})
+    axes.annotate("warp", (x, y), color="white", xytext=(4, 0), textcoords="offset points")
+    axes.set(xlim=(-size, size), ylim=(-size, size), aspect="equal")
     return figure
 
 

@@ -60,6 +60,7 @@ CAPTIONS = MAPS | {  # and Experiment.captions
     "it would leave its state.",
     "energy.png": "Strain energy: tension, shear, yarn bending.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
+    "shadow.png": "Shadow of the draped cloth on the disc, and the flat cloth (dashed).",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
@@ -269,6 +270,12 @@ def _closed_form(summary: Mapping[str, Any]) -> str:
 
 def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
     """The same of a forming."""
+    if "drape" in summary:
+        share = summary["drape"]["coefficient_percent"]
+        yield "drape coefficient", share, f"{share:.1f} %"
+    if "inflation" in summary:
+        rise = 1e-3 * summary["inflation"]["rise_mm"][-1]
+        yield "rise", rise, si_text(rise, "m")
     for name, (_, _, force) in summary["tool_force_n"].items():
         yield f"{name}, force along z", force, _signed(force_text(force))
     for name, key in (
@@ -276,7 +283,7 @@ def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, s
         ("shear angle that 99 % keep to", "shear_p99_deg"),
     ):
         yield name, summary[key], angle_text(summary[key], "°")
-    drawn = 1e-3 * max(summary["draw_in_mm"].values())
+    drawn = 1e-3 * max(summary["draw_in_mm"].values(), default=0.0)
     yield "largest draw-in", drawn, si_text(drawn, "m")
     height = 1e-3 * summary["wrinkles"]["largest_height_mm"]
     yield "largest height of wrinkles", height, si_text(height, "m")
