@@ -20,6 +20,7 @@ ORDER = [
     {"fields"},
     {"quantities"},
     {"laws"},
+    {"tension"},
     {"parallel"},
     {"memory"},
     {"solvers", "cloth"},

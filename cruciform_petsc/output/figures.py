@@ -288,8 +288,10 @@ def _shear_force(
     ends = np.concatenate([x[np.isfinite(x) & np.isfinite(y)] for x, y in lines.values()])
     end = float(ends[np.abs(ends).argmax()])
     angle = np.deg2rad(np.linspace(0.0, np.clip(end, -85.0, 85.0), 200))
-    law = 1e-3 * experiment.network.fabric.shear.evaluate(angle)[1] / np.cos(angle)
-    guides = {"the fabric's law": (np.rad2deg(angle), law)}
+    fabric = experiment.network.fabric
+    law = 1e-3 * fabric.shear.evaluate(angle)[1] / np.cos(angle)
+    name = f"the fabric's {'elastic ' if fabric.remembers else ''}law"
+    guides = {name: (np.rad2deg(angle), law)}
     labels = pictures.ANGLE_LABEL, force.axis
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
@@ -303,12 +305,15 @@ def _energies(
     if not experiment.bending:
         del names["bending"]
     parts = {name: curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    spent, what = "dissipated_in_shear_J", "strain energy"
+    if spent in curve:
+        parts["dissipated in shear"], what = curve[spent], "energy"
     unit, joule = energy_unit(sum(parts.values()))
     parts = {name: part / joule for name, part in parts.items()}
     own = experiment.column
     control = own.scale * curve[own.column]
     column = own.sized_for(control)
-    labels = column.axis, f"strain energy ({unit})"
+    labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 

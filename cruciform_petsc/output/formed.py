@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from ..case.schema import Case
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
-DISSIPATED = ("friction", "viscous")
 VTK_TRIANGLE = 5
 FRAMES, MOST_FRAMES = 4, 40  # of stages.png, of animation.gif
 NAMED_STAGES = 4  # that an axis has room for
@@ -152,7 +151,7 @@ def table_of(
     columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
     for mode in ENERGIES:
         columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
-    for mode in DISSIPATED:
+    for mode in steps[-1].spent if steps else ():
         columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
     columns["work_of_tools_J"] = [step.work for step in steps]
     for name in steps[-1].load_work if steps else ():
@@ -443,7 +442,8 @@ def curves_of(
     }
     energies = over_time("energy_", "_J")
     energies["bending"] += energies.pop("out_of_plane_bending")
-    energies |= over_time("dissipated_", "_J")
+    spent = over_time("dissipated_", "_J")
+    energies |= {name.replace("in_", "dissipated in "): values for name, values in spent.items()}
     unit, joule = energy_unit(sum(energies.values()))
     energies = {name: energy / joule for name, energy in energies.items()}
     labels = axis, f"energy ({unit})"
