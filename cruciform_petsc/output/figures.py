@@ -107,6 +107,8 @@ def figures(
         drawn["shear_force.png"] = _shear_force(result, title)
     if experiment.finite:
         drawn["energy.png"] = _energies(result, title)
+        if result.network.fabric.biaxial_law is not None:
+            drawn["tension_surface.png"] = _surface(result, title)
     if experiment.has_zones:
         if experiment.finite:
             drawn["zones.png"] = _zones(result, title)
@@ -258,6 +260,19 @@ def _energies(result: TestResult, title: str) -> partial[Figure]:
     column = own.sized_for(control)
     labels = column.axis, f"strain energy ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
+
+
+def _surface(result: TestResult, title: str) -> partial[Figure]:
+    """Both tensions of the law over both strains, and the way of the cloth's mean strains there."""
+    comm, law = result.network.comm, result.network.fabric.biaxial_law
+    assert law is not None
+    way = [(0.0, 0.0)]
+    for state in result.states:
+        carrying = state.fields["carrying"]
+        sums = [state.fields[f"{name}_strain"][carrying].sum() for name in ("warp", "weft")]
+        warp, weft, count = comm.allreduce(np.array([*sums, carrying.sum()]))
+        way.append((warp / max(count, 1), weft / max(count, 1)))
+    return partial(pictures.tension_surface, law, np.array(way), title)
 
 
 def _zones(result: TestResult, title: str) -> partial[Figure]:

@@ -37,7 +37,7 @@ OF_RUN = (
     "forces.csv", "fields.csv", "tools.vtkhdf",
     "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
     "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
-    "scene.png", "yarns.png", "stages.png", "energy.png",
+    "scene.png", "yarns.png", "stages.png", "energy.png", "tension_surface.png",
     "zones.png", "shear_map.png", "tension_map.png", "centre_line.png", "ladder.png",
     "shear_against_load.png", "shear_force.png",
     "with_and_without_bending.png", "tension_against_strain.png",

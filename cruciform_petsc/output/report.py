@@ -51,6 +51,8 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "tension_surface.png": "Tensions of the cloth by both strains: colours are the law's, discs "
+    "what was measured, the line where this test has been, in the mean.",
     "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
@@ -418,6 +420,9 @@ def fabric(case: Case) -> dict[str, Any]:
     """The fabric's yarns as a table, the rest in words."""
     fabric = case.fabric()
     sides = (fabric.warp, fabric.weft)
+    biaxial = fabric.biaxial_law
+    single = (fabric.warp_tension, fabric.weft_tension)
+    tension_laws = [law.name if biaxial is None else biaxial.name for law in single]
     laws = [side.out_of_plane_law for side in sides]
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
@@ -428,7 +433,7 @@ def fabric(case: Case) -> dict[str, Any]:
             "bending out of the plane, per width",
             *(format_si(law.stiffness0, "N*m") if law else "" for law in laws),
         ],
-        ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
+        ["law of tension", *tension_laws],
     ]
     law = fabric.shear.name
     at_rest = si_text(fabric.shear_modulus, "N/m")
