@@ -444,8 +444,9 @@ def tension_surface(law: BiaxialLaw, way: np.ndarray, title: str = "") -> Figure
 
     ends = law.strains
     if not np.isfinite(ends).all():
-        least = max(float(way.max()), 1e-3)
-        ends = np.array([[min(column.min(), 0.0), max(column.max(), least)] for column in way.T])
+        seen = way if law.points is None else np.concatenate([way, law.points[:, :2]])
+        least = max(float(seen.max()), 1e-3)
+        ends = np.array([[min(column.min(), 0.0), max(column.max(), least)] for column in seen.T])
     warp, weft = np.meshgrid(*(np.linspace(low, high, 101) for low, high in ends), indexing="ij")
     names = ("warp", "weft")
     labels = [("warp strain (%)", "weft strain (%)")] * 2
