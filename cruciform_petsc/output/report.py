@@ -52,7 +52,7 @@ MAPS = {  # {at}: the last value asked for
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
     "tension_surface.png": "Tensions of the cloth by both strains: colours are the law's, discs "
-    "what was measured, the line where this test has been, in the mean.",
+    "(of a surface) what was measured, the line where this test has been, in the mean.",
     "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
