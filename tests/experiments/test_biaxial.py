@@ -10,6 +10,7 @@ from support.helpers import UNEVEN
 
 from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.experiments.biaxial import Biaxial
+from cruciform_petsc.experiments.limits import warnings
 from cruciform_petsc.experiments.off_axis import OffAxisTension
 from cruciform_petsc.net.network import Network
 
@@ -58,6 +59,19 @@ def test_free_sides(law):
     tension = law.evaluate(0.005, weft)[1][0]
     assert result.load == pytest.approx(0.02 * tension, rel=1e-6)
     np.testing.assert_allclose(result.fields["weft_strain"], weft, atol=1e-6 * abs(weft))
+
+
+def test_beyond_the_points():
+    """A run that leaves the surface's points says so; within them nothing is said."""
+    for strain, said in (("1.9 %", 0), ("2.5 %", 1)):
+        told = warnings(Biaxial(network(SURFACE), strain, bending=False).solve())
+        assert (
+            len([text for text in told if "fabric.tension.surface, which has 0 to 2 %" in text])
+            == said
+        )
+    # A weft that contracts is no yarn in compression.
+    result = OffAxisTension(network(CRIMP.law), "0.2 mm", ends="free", bending=False).solve()
+    assert not any("compressed" in text for text in warnings(result))
 
 
 def test_uncoupled_is_the_elastic_law():
