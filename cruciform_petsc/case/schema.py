@@ -30,6 +30,7 @@ from ..forming.table import (
     ClampTable,
     FormingTable,
     StageTable,
+    check_course,
     check_pressure,
     check_stages,
 )
@@ -85,7 +86,8 @@ class OutputTable(Table):
     """[output]: where results go, and which."""
 
     directory: Name = "results"
-    """Folder of the results, made if it is not there."""
+    """Folder of the results, made if it is not there. Where a case file NAME.toml tells none it is
+    results/NAME."""
     pictures: bool = True
     """Figures of the result."""
     scene: bool = False
@@ -183,6 +185,9 @@ class Case(Table):
         for table, key in paths:
             if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
                 table[key] = str((Path(path).parent / table[key]).absolute())
+        # Two cases beside each other shall not replace each other's results.
+        if isinstance(data.setdefault("output", {}), dict):
+            data["output"].setdefault("directory", f"results/{Path(path).stem}")
         for override in overrides:
             _apply(data, override)
         problems = Problems()
@@ -325,6 +330,13 @@ class Case(Table):
         if preform and forming:
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
+        if fabric and beside and fabric.remembers:
+            problems.append(
+                "the membrane of [continuum] knows no fabric.shear_viscosity and shear_friction"
+            )
+        if fabric and forming:
+            with problems.caught():
+                check_course(fabric, self.stages)
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")

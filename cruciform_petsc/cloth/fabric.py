@@ -24,6 +24,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from ..drawn import Shown
 from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Read, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
@@ -39,6 +40,7 @@ from .datasheet import (
     contradiction,
     sentence,
 )  # fmt: skip
+from .resistance import FrictionTable, ShearFriction, ShearViscosity, ViscosityTable
 from .weave import Weave
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
@@ -88,7 +90,7 @@ class YarnFamily:
 
 
 @dataclass(frozen=True, repr=False)
-class Fabric:
+class Fabric(Shown):
     """A woven cloth, elastic in the plane.
 
     Raises
@@ -123,6 +125,10 @@ class Fabric:
     """Stiffness of yarns in compression over that in tension."""
     compression_width: float = 1e-4
     """Strain over which the stiffness falls when a yarn goes from tension into compression."""
+    shear_viscosity: ShearViscosity | None = None
+    """Of cloth in a melt or a resin, beside the law of shear."""
+    shear_friction: ShearFriction | None = None
+    """Between warp and weft, beside the law of shear."""
     areal_density: float | None = None
     """Mass of the yarns per area of the cloth at rest [kg/m^2]; for gravity and exports."""
     thickness: float | None = None
@@ -213,9 +219,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
-        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
-        `from_table`.
+        ``changes`` replace the library's ``shear``, ``shear_viscosity``, ``shear_friction`` and
+        ``tension`` as a whole, ``out_of_plane_bending``, ``areal_density``, ``thickness``,
+        ``fibre_density``; as for `from_table`.
 
         Examples
         --------
@@ -271,6 +277,11 @@ class Fabric:
     def shear(self) -> Potential:
         """Energy per area over the shear angle, psi(gamma) [N/m over rad]."""
         return linear(self.shear_modulus) if self.shear_law is None else self.shear_law
+
+    @property
+    def remembers(self) -> bool:
+        """Whether shear resists by more than its law, which only finite deformation knows."""
+        return self.shear_viscosity is not None or self.shear_friction is not None
 
     @property
     def warp_tension(self) -> Potential:
@@ -747,6 +758,12 @@ class FabricTable(Table):
     """Beside warp, alike."""
     shear: ShearTable | None = None
     """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
+    shear_viscosity: ViscosityTable | None = None
+    """Of cloth in a melt or a resin; its shear resists by its rate, too. Needs test.speed, or the
+    duration of stages. Example: `{ viscosity = "50 N s/m" }`"""
+    shear_friction: FrictionTable | None = None
+    """Between warp and weft, so that unloading is another way than loading.
+    Example: `{ torque = "5 N/m" }`"""
     out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
     """Of warp and weft alike, as for each of them; in place of theirs, and of the library's."""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
@@ -774,8 +791,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness, "
-                "fibre_density and weave may stand)"
+                "(beside use only shear, shear_viscosity, shear_friction, tension, "
+                "out_of_plane_bending, areal_density, thickness, fibre_density and weave may stand)"
             )
         if self.use is not None and self.from_datasheet is not None:
             raise ValueError("needs either use or from_datasheet, not both")
@@ -915,6 +932,8 @@ class FabricTable(Table):
             log_strain=tension.strain == "log",
             compression=tension.compression,
             compression_width=tension.compression_width,
+            shear_viscosity=None if self.shear_viscosity is None else self.shear_viscosity.build(),
+            shear_friction=None if self.shear_friction is None else self.shear_friction.build(),
             **{key: given[key].si for key in _PLY_DATA if key in given},
             weave=self.weave or "plain",
         )

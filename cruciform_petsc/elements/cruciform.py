@@ -12,6 +12,8 @@ Cruciform, points 1 to 4 the arm ends and 5 the hinge (docs/formulation.md, "Fin
 or, with a biaxial law (tension.evaluate_tension), of A_ij [ w(e_i, e_j) + psi(gamma_ij) ];
 
     gamma_ij = s_ij (90 deg - angle(t_i, t_j)),  s_ij = +1, -1, +1, -1 around the hinge
+
+Cloth whose shear flows or rubs adds an incremental potential to psi, see laws.shear_resistance.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ import numba
 import numpy as np
 
 from .. import laws, tension
-from ..laws import effective_strain, evaluate_law
+from ..laws import effective_strain, evaluate_law, shear_resistance
 from ..net.lattice import HELD, QUADRANTS
 from ..tension import evaluate_tension
 from .level import FREE, STIFFNESS, room
@@ -78,8 +80,8 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
     @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
     def kernel(
-        x, before, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain,
-        ratio, width, biaxial, level, energy, force, stiffness,
+        x, before, a, area, strain_source, turn_source, held, past, warp, weft, shear, resistance,
+        c12, log_strain, ratio, width, biaxial, level, energy, force, stiffness,
     ):  # fmt: skip
         foretold = before.shape[0] > 0 and level == 2 and compiled_laws >= 0  # it never is below
         # The commonest case by a shorter way, for speed.
@@ -87,6 +89,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
         arm_ratio = 1.0 if coupled else ratio  # a biaxial law sees to compression itself
         plain = not log_strain and arm_ratio == 1.0
         straight = shear[0] == 0.0  # a linear law
+        resists = past.shape[0] > 0
         t, inverse = np.zeros((4, dim)), np.zeros(4)
         # Phi and the effective strain q of each arm, and their derivatives by its length.
         w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
@@ -215,6 +218,11 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     psi = 0.5 * psi1 * gamma
                 else:
                     psi, psi1, psi2 = evaluate_law(shear, gamma)
+                if resists:
+                    more, more1, more2 = shear_resistance(
+                        gamma, past[n, quadrant, 0], past[n, quadrant, 1], resistance
+                    )
+                    psi, psi1, psi2 = psi + more, psi1 + more1, psi2 + more2
                 shearing += part * psi
                 if level == 0:
                     continue
@@ -306,7 +314,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
 def cruciforms(
     x, a, area, cloth: Cloth, level: int = STIFFNESS, strain_source=None, turn_source=None,
-    held=None, before=None, out=None,
+    held=None, before=None, past=None, resistance=None, out=None,
 ):  # fmt: skip
     """Energy, force and stiffness of cruciforms.
 
@@ -332,6 +340,9 @@ def cruciforms(
         tensions as unknowns (Magisano, Leonetti and Garcea 2017: "mixed integration points").
         Stiff yarns that turn in a step stretch to second order; their true tensions would spoil
         the stiffness by far more than the step has changed it. Energy and force do not change.
+    past : float (n, 4, 2), optional
+        Of each quadrant, the shear angle of the last accepted state and the angle at which friction
+        has its anchor, with ``resistance`` (5,): what laws.shear_resistance takes.
     out : tuple of arrays, optional
         Where to put the results.
 
@@ -350,7 +361,9 @@ def cruciforms(
         np.ascontiguousarray(own if strain_source is None else strain_source, np.int64),
         np.ascontiguousarray(own if turn_source is None else turn_source, np.int64),
         np.zeros((n, 4, dim)) if held is None else held,
-        cloth.warp, cloth.weft, cloth.shear, cloth.c12, cloth.log_strain,
+        np.empty((0, 4, 2)) if past is None else past,
+        cloth.warp, cloth.weft, cloth.shear, np.zeros(5) if resistance is None else resistance,
+        cloth.c12, cloth.log_strain,
         cloth.compression, cloth.compression_width, cloth.biaxial, level, *out,
     )  # fmt: skip
     return out

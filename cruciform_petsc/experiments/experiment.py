@@ -127,6 +127,7 @@ class Experiment:
         self.network, self.options = network, options or {}
         self.size, self.middle = network.preform.size, network.preform.middle
         self.space, self.imperfection = test.space, test.imperfection
+        self.stability, self.model = test.stability, test.model
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():
             if key not in test.controls:
@@ -158,6 +159,10 @@ class Experiment:
     def load_of(self, work: float, control: float) -> float:
         """The test's load from the work per change of the control; for an extension the same."""
         return work
+
+    def travel(self, control: Any) -> Any:
+        """How far what is pulled at ``test.speed`` has moved, m; shaped like `control`."""
+        return control
 
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Further columns of the curve. Collective."""

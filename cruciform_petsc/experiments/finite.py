@@ -17,11 +17,14 @@ from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Stage, Step
 from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
+from ..items.cruciforms import Course
 from ..items.loads import imperfection
 from ..items.ply import Ply
+from ..items.truss import TrussPly
 from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
+from .stability import Watch
 
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
@@ -64,9 +67,11 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        kind = TrussPly if experiment.model == "truss" else Ply
+        self.ply = kind(constraints, out_of_plane, experiment.flat)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
+        self.ply.cruciforms.course = Course(self.seconds, self.temperature)
         self.model = model_of(self.ply)
         self._hold = holder(self.ply)
 
@@ -86,6 +91,18 @@ class FiniteTest:
         """See Stage."""
         hold = self._hold(self.experiment.motions(self.grips, control))
         return hold, {self.ply.loads.name: self.experiment.load_factor(control)}
+
+    def seconds(self, before: float, now: float) -> float:
+        """See Course."""
+        speed = self.experiment.test.speed
+        if speed is None:
+            return 0.0
+        return abs(self.experiment.travel(now) - self.experiment.travel(before)) / speed.si
+
+    def temperature(self, now: float) -> float | None:
+        """See Course."""
+        told = self.experiment.test.temperature
+        return None if told is None else told.si
 
     def rate(self, control: float) -> np.ndarray:
         """See Stage."""
@@ -147,7 +164,7 @@ class FiniteTest:
         )
 
     def result_state(self, state: State, measured: Measured) -> result.State:
-        """What a result keeps of a state."""
+        """What a result keeps of a state, of which all is remembered that is past then."""
         ply = self.ply
         return result.State(
             state.time,
@@ -161,7 +178,8 @@ class FiniteTest:
         """The same of a state that was found before. Collective."""
         force, _, energies = self.model.force(state)
         found = Found(state, energies, force, 0, 0.0, 0.0, [], 0, 0, 0.0)  # not solved again
-        return self.result_state(state, self.measure(found))
+        after = replace(state, memory=self.model.accepted(state))
+        return self.result_state(after, self.measure(found))
 
 
 def solve_finite(
@@ -181,14 +199,15 @@ def solve_finite(
     last: list[result.State] = []  # whether asked for or not
     dim, nodes = test.model.dim, test.ply.nodes
 
-    def state_after(number: int) -> result.State:
-        state = (
-            kept[number]
-            if keeper is None
-            else keeper.state(test.model, number, done[number].control, test.at)
-        )
-        return test.measured_anew(state)
+    def placed(number: int) -> State:
+        if keeper is None:
+            return kept[number]
+        return keeper.state(test.model, number, done[number].control, test.at)
 
+    def state_after(number: int) -> result.State:
+        return test.measured_anew(placed(number))
+
+    watch = None
     found = result.TestResult(
         experiment,
         test.ply.supports,
@@ -204,8 +223,11 @@ def solve_finite(
         loads = {mode for item in test.model.items if item.is_load for mode in item.modes}
         energies = step.increment.energies
         energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
-        state = test.result_state(step.state, Measured(step.increment.load, step.forces))
-        increment = replace(step.increment, energies=energies, columns=found.row(state))
+        state = test.result_state(path.state, Measured(step.increment.load, step.forces))
+        spent = test.ply.dissipated(path.state)
+        columns = found.row(state) | {f"dissipated_{how}_J": spent[how] for how in spent}
+        columns |= watch.columns(step.state) if watch else {}
+        increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)
         last[:] = [state]
         if increment.asked:
@@ -218,6 +240,11 @@ def solve_finite(
             accepted(increment)
 
     try:
+        stage = test.stage()
+        if experiment.stability is not None:
+            watch = Watch(test, equilibrium, start)
+            watch.foretell()
+            stage = watch.stage(stage)
         if keeper is not None:
             earlier = keeper.restore(test.model, test.at)
             if earlier is None:
@@ -228,10 +255,14 @@ def solve_finite(
                     done.append(increment)
                     if increment.asked:
                         states.append(test.measured_anew(state))
-        follow(equilibrium, test.stage(), path, take)
+        follow(equilibrium, stage, path, take)
+        if watch is not None:
+            found.buckling = watch.finish(done, placed)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
+        if watch is not None:
+            watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)
             if last and (not states or states[-1] is not last[0]):
@@ -239,4 +270,6 @@ def solve_finite(
             error.result = found if states else None
         raise
     equilibrium.destroy()
+    if watch is not None:
+        watch.destroy()
     return found

@@ -3,21 +3,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..errors import Problems
+from ..errors import InputError, Problems
 from ..fields import Count, Of, Quantities, Size, Table, si_values
-from ..units import format_si
+from ..units import Quantity, format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
 MOST_INCREMENTS = 100_000
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Way = Annotated[Quantity, Of("m", good=lambda way: way != 0.0, wanted="other than 0")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
 
@@ -29,6 +31,19 @@ class ImperfectionTable(Table):
     Example: `"0.1 mm"`"""
     seed: Annotated[int, Field(ge=0)] = 1
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
+
+
+class StabilityTable(Table):
+    """[test] stability: critical loads and modes (docs/stability.md), with finite = true."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are told."""
+    branch: bool = True
+    """Go on along the branch that leaves where the cloth becomes unstable; false: along the
+    unstable state."""
+    step: Way | None = None
+    """How far along its mode the cloth is moved there, negative: to the other side. The default is
+    a tenth of the fabric's thickness, or a thousandth of the longer side. Example: `"0.05 mm"`"""
 
 
 class KindTable(Table):
@@ -45,7 +60,21 @@ class KindTable(Table):
     kind: str
     """Which experiment."""
     bending: bool = True
-    """Yarns bend in the plane; false: they are hinged."""
+    """Yarns bend in the plane; false: they are hinged, as always with model = "truss"."""
+    model: Literal["coupled", "truss"] = "coupled"
+    """Cruciforms; or a truss of pin-jointed bars along the yarns with soft diagonals, at finite
+    deformation (docs/models.md)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _truss_is_hinged(cls, data: Any) -> Any:
+        return data | {"bending": False} if data.get("model") == "truss" else data
+
+    @model_validator(mode="after")
+    def _truss(self) -> KindTable:
+        if self.model == "truss" and not getattr(self, "finite", True):
+            raise ValueError('has model = "truss", which is for finite deformation only')
+        return self
 
     def placed(self, preform: Preform) -> Preform:
         """The preform where the test has it: as it is drawn."""
@@ -63,6 +92,11 @@ class KindTable(Table):
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
+        if self.model == "truss" and (fabric.remembers or fabric.biaxial_law is not None):
+            problems.append(
+                'test.model = "truss" has bars, which know neither viscosity and friction of shear '
+                "nor tensions of both families together: leave those out of the fabric"
+            )
         problems.tell()
 
 
@@ -84,9 +118,18 @@ class TestTable(KindTable):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
+    stability: StabilityTable | None = None
+    """Where the cloth becomes unstable, what shape it takes there and beyond, with finite = true.
+    Example: `{ modes = 2 }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
+
+    speed: Annotated[Quantity, Of("m/s", good=lambda v: v > 0.0, wanted="positive")] | None = None
+    """Of the edge that is pulled (of a picture frame its crosshead), for cloth whose shear is
+    viscous: fabric.shear_viscosity. Example: `"100 mm/min"`"""
+    temperature: Annotated[Quantity, Of("K")] | None = None
+    """Of the cloth, for the same; by default that of fabric.shear_viscosity."""
 
     @model_validator(mode="after")
     def _one_control(self) -> TestTable:
@@ -102,6 +145,17 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.imperfection is not None and self.model == "truss":
+            raise ValueError(".imperfection is what yarns are bent by, and those of a truss do not")
+        if self.stability is not None and not self.finite:
+            raise ValueError(
+                ".stability needs finite = true: small displacements are always stable"
+            )
+        if self.stability is not None and self.control != next(iter(self.controls)):
+            raise ValueError(
+                f".stability follows the {next(iter(self.controls))}, give that in place of "
+                f"{self.control}"
+            )
         return self
 
     @classmethod
@@ -132,6 +186,23 @@ class TestTable(KindTable):
         if self.space:
             with problems.caught():
                 fabric.out_of_plane("test.space = true")
+        if fabric.remembers and not self.finite:
+            what = "shear_friction" if fabric.shear_viscosity is None else "shear_viscosity"
+            problems.append(f"fabric.{what} needs test.finite = true")
+        problems += check_viscosity(fabric, self.temperature, "test.temperature")
+        flows = fabric.shear_viscosity is not None
+        if flows and next(iter(self.controls.values())) == "N":
+            problems.append(
+                f'test.kind = "{self.kind}" prescribes a load, at no speed that '
+                "fabric.shear_viscosity could act by, leave that out"
+            )
+        elif flows and self.speed is None:
+            problems.append(
+                "test.speed is missing, which fabric.shear_viscosity needs: for example "
+                '"100 mm/min"'
+            )
+        elif self.speed is not None and not flows:
+            problems.append("test.speed matters with fabric.shear_viscosity only, leave it out")
         largest, length = max(map(abs, self.values_si)), float(preform.size[1])
         if self.controls[self.control] == "m" and largest > TOO_FAR * length:
             problems.append(
@@ -148,6 +219,20 @@ class PullTable(TestTable):
     """By which the upper edge is pulled, one value or a list. Either this or load."""
     load: Forces | None = None
     """Force on the upper edge, one value or a list. Either this or extension."""
+
+
+def check_viscosity(fabric: Fabric, temperature: Quantity | None, key: str) -> Iterator[str]:
+    """Problems of a temperature that a test or a stage has, at a key."""
+    if temperature is None:
+        return
+    flow = fabric.shear_viscosity
+    if flow is None or flow.activation_energy is None:
+        yield f"{key} matters with fabric.shear_viscosity.activation_energy only, leave it out"
+        return
+    try:
+        flow.at(temperature.si)
+    except InputError as error:
+        yield f"{key}: {error}"
 
 
 def small_unless_told(test: dict[str, Any]) -> dict[str, Any]:

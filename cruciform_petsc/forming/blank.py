@@ -22,6 +22,7 @@ from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
 from ..items.trimmed import Trimmed
+from ..items.truss import TrussPly
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -33,7 +34,7 @@ REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
-_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
+_POINTS = {"cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3)}
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,8 @@ class Blank:
     model : Model
     """
 
+    _ply: type[Ply] = Ply
+
     def __init__(
         self,
         network: Network,
@@ -193,7 +196,7 @@ class Blank:
         constraints = Constraints(self.network, bending, floats=True)
         for edge in sorted(self.symmetry):
             constraints.symmetry(edge)
-        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+        return self._ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
 
     @property
     def pitch(self) -> float:
@@ -245,11 +248,15 @@ class Blank:
         return found
 
     def spent(self, state: State) -> dict[str, float]:
-        """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
+        """What friction and viscosity have dissipated up to an accepted state, J. Collective.
+
+        On tools, by the blank's own viscosity, and in its shear if that remembers.
+        """
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))
-        return {"friction": float(total[0]), "viscous": float(total[1])}
+        spent = {"friction": float(total[0]), "viscous": float(total[1])}
+        return spent | self.ply.dissipated(self.of_cloth(state))
 
     def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
         """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.
@@ -260,6 +267,12 @@ class Blank:
         far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
         spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
         return far, spent
+
+
+class TrussBlank(Blank):
+    """A blank whose cloth is a truss, see items.truss. Collective."""
+
+    _ply = TrussPly
 
 
 def push_name(tool: str, axis: int) -> str:

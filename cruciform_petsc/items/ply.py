@@ -72,6 +72,16 @@ class Ply(PlyNodes):
         angles = abs(self.cruciforms.shear_angles(self.cruciforms.arms(state)[1]))
         return most(self.comm, angles[self.carrying(state)[self.cruciforms.rows]], 0.0)
 
+    def dissipated(self, state: Placed) -> dict[str, float]:
+        """What viscosity and friction of shear have dissipated up to an accepted state, J.
+
+        By its name, "in_shear"; of an elastic cloth none. Collective.
+        """
+        if not self.network.fabric.remembers:
+            return {}
+        spent = state.memory.get(self.cruciforms.name, {}).get("spent", np.zeros(1))
+        return {"in_shear": self.comm.allreduce(float(spent.sum()))}
+
     def carrying(self, state: Placed) -> np.ndarray:
         """Which of this rank's crossovers carry load, bool (n_owned,)."""
         stays = kept(self.network.crossover_position, self.cuts, state.factors)

@@ -114,10 +114,10 @@ class States:
             return rotation(angle) @ step
         return rotation(angle, rng.normal(size=3)) @ np.append(step, 0.0)
 
-    def __call__(self, cloth, level=2, x=None, before=None):
+    def __call__(self, cloth, level=2, x=None, before=None, past=None, resistance=None):
         return kernels.cruciforms(
             self.x if x is None else x, self.a, self.area, cloth, level, self.strain_source,
-            self.turn_source, self.held, before,
+            self.turn_source, self.held, before, past, resistance,
         )  # fmt: skip
 
 
@@ -206,6 +206,33 @@ def test_gradients(cloth, dim):
     np.testing.assert_allclose(
         stiffness, stiffness.transpose(0, 3, 4, 1, 2), atol=1e-12 * abs(stiffness).max()
     )
+
+
+# eta, exponent, seconds, torque of friction, elastic slip
+RESISTANCES = {
+    "fluid": [20.0, 1.0, 0.5, 0.0, 1.0],
+    "thinning": [20.0, 0.4, 0.5, 0.0, 1.0],
+    "friction": [0.0, 1.0, 0.0, 50.0, 1.5],  # some stick, some slide
+    "both": [20.0, 0.7, 2.0, 50.0, 0.01],
+}
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("numbers", RESISTANCES.values(), ids=RESISTANCES)
+def test_gradients_of_resistance(numbers, dim):
+    """As above, with a past of each quadrant; rates from -5 to 5 rad/s."""
+    states, rng = States(dim), np.random.default_rng(3)
+    past, numbers = rng.uniform(-1.5, 1.5, (states.n, 4, 2)), np.array(numbers)
+
+    def at(x, level):
+        return states(ENGINEERING, level, x, None, past, numbers)
+
+    energy, force, stiffness = at(states.x, 2)
+    step = 1e-9
+    is_gradient(lambda x: at(x, ENERGY)[0].sum(axis=1), force, states.x, step, 1e-6)
+    is_gradient(lambda x: at(x, FORCE)[1], stiffness, states.x, step, 1e-6)
+    assert (energy[:, 1] > states(ENGINEERING, ENERGY)[0][:, 1]).all()
+    np.testing.assert_array_equal(energy[:, 0], states(ENGINEERING, ENERGY)[0][:, 0])
 
 
 @DIMENSIONS
