@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..experiments.net_kinematics import net_angle
-from ..parallel import least, most
+from ..parallel import least, most, on_root
 from ..quantities import EXTENSION, LOAD, energy_unit, force_unit, quantity
 from . import pictures
 from .sample import sample_map, sample_yarns
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
 CLOSED_FORM = "closed form, yarns neither stretch nor bend"
 STAGES = 4  # states side by side
+MOST_FRAMES = 40  # of an animation
 
 Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
 
@@ -208,6 +209,36 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
+
+
+def draw_animation(result: TestResult, path: str | Path, title: str = "") -> None:
+    """Write the yarns of a finite test, all its increments or so many evenly, as a GIF. Collective.
+
+    InputError on every rank if it cannot be written.
+    """
+    count = max(len(result.increments), len(result.states))
+    chosen = set(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int).tolist())
+    label, panels = pictures.ANGLE_LABEL, []
+    for number, state in enumerate(result.every_state()):
+        if number not in chosen:
+            continue
+        values = None
+        if result.experiment.colour == "tension":
+            values, label = list(_tensions(result, state).values()), "tension (N per yarn)"
+        panels.append(_panel(when(result, state), result, state, values))
+    title = pictures.plain_text(title)
+
+    def draw() -> None:
+        from matplotlib import rc_context
+
+        with rc_context(pictures.STYLE):
+            pages = (
+                pictures.yarns([panel], title, before=False, label=label, among=panels)
+                for panel in panels
+            )
+            pictures.save_animation(path, pages)
+
+    on_root(result.network.comm, draw)
 
 
 # -- curves -------------------------------------------------------------------------------------
@@ -461,9 +492,9 @@ def uniform_text(
     return f"{what}: uniform, {', '.join(told)}."
 
 
-def _tensions(result: TestResult) -> dict[str, np.ndarray]:
-    """Tensions of the yarns at the crossovers, N, by family."""
-    fields, fabric = result.fields, result.network.fabric
+def _tensions(result: TestResult, state: State | None = None) -> dict[str, np.ndarray]:
+    """Tensions of the yarns at the crossovers in a state, the last, N, by family."""
+    fields, fabric = (state or result).fields, result.network.fabric
     return {
         name: np.where(
             fields["carrying"], fields[f"{name}_tension"] / getattr(fabric, name).yarns, np.nan
