@@ -99,6 +99,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
+    ("`test.stability` of forming", forming.SoftestTable),
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
