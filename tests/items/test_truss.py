@@ -66,12 +66,15 @@ def test_bias_extension():
 
 
 def test_pulled_along_the_warp():
-    """E_w per width, whatever Poisson's ratio is: bars do not couple."""
+    """E_w per width, whatever Poisson's ratio is: bars do not couple.
+
+    Diagonals are stretched, too, and take up to G/E, here 0.23 %, of the load.
+    """
     pitch = 1 / np.array([UNEVEN.warp.yarns, UNEVEN.weft.yarns])
     width, length = 4 * pitch[0], 8 * pitch[1]
     network = Network(COMM, Preform.rectangle(width, length, 0.0), UNEVEN)
     result = OffAxisTension(network, 1e-3 * length, model="truss").solve()
-    assert result.load == pytest.approx(60e3 * 1e-3 * width, rel=1e-9)
+    assert result.load == pytest.approx(60e3 * 1e-3 * width, rel=140 / 60e3)
 
 
 def test_forming():
