@@ -14,8 +14,10 @@ from support.finite import Cloth
 from cruciform_petsc import Fabric, Network, OffAxisTension, PictureFrame, Preform, YarnFamily
 from cruciform_petsc.equilibrium.newton import Equilibrium
 from cruciform_petsc.equilibrium.stability import Stability
+from cruciform_petsc.experiments.finite import FiniteTest
 from cruciform_petsc.items.loads import PressureAbove
 from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.solvers.eigen import Factor, largest
 
 RIGIDITY, LENGTH, STIFF = 1e-3, 0.1, 4e5
 
@@ -113,6 +115,28 @@ def test_without_torsional_rigidity_bending_comes_first():
     x = result.network.crossover_position[:, 0]
     assert abs(bent @ (x - x.mean())) < 1e-6 * np.linalg.norm(bent) * np.linalg.norm(x)
     assert abs(twisted.sum()) < 1e-6 * abs(twisted).sum()
+
+
+def test_modes_do_not_depend_on_how_they_come():
+    """Eigenvectors have any sign and size, and any mixture of those of one eigenvalue will do."""
+    test = FiniteTest(OffAxisTension(strip(10), "-2 um", space=True, stability={"modes": 2}))
+    stability = Stability(test.model, test.ply.areas(1 / 3), 2)
+    start = test.at(0.0)
+    pushed = replace(start, x=start.x * [1.0, 1.0 - 1e-5, 1.0])
+    matrices = [test.model.stiffness(state)[0] for state in (start, pushed)]
+    factor = Factor(matrices[0])
+    change = matrices[0] - matrices[1]
+    ratios, vectors = largest(change, matrices[0], factor, 4)
+    assert ratios[0] == pytest.approx(ratios[1], rel=1e-9)
+    wanted = stability._modes(1 / ratios, vectors, 1e-5, start)
+    mixed = vectors.copy()
+    mixed[:2] = [[0.6, -3.0], [2.5, 0.5]] @ vectors[:2]
+    for other in (-vectors, mixed):
+        found = stability._modes(1 / ratios, other, 1e-5, start)
+        np.testing.assert_allclose(found.shapes, wanted.shapes, atol=1e-9)
+    assert wanted.shapes.max(axis=(1, 2)) == pytest.approx([1.0, 1.0], abs=1e-9)
+    for thing in (factor, change, *matrices, stability):
+        thing.destroy()
 
 
 # -- a panel in shear -----------------------------------------------------------------------------
