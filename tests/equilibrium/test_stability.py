@@ -134,6 +134,8 @@ def test_modes_do_not_depend_on_how_they_come():
     for other in (-vectors, mixed):
         found = stability._modes(1 / ratios, other, 1e-5, start)
         np.testing.assert_allclose(found.shapes, wanted.shapes, atol=1e-9)
+    alone = [stability._modes(np.arange(4.0), v, 1e-5, start).shapes for v in (vectors, -vectors)]
+    np.testing.assert_allclose(*alone, atol=1e-9)
     assert wanted.shapes.max(axis=(1, 2)) == pytest.approx([1.0, 1.0], abs=1e-9)
     for thing in (factor, change, *matrices, stability):
         thing.destroy()

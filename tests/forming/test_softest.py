@@ -34,6 +34,7 @@ def test_softest_shape():
     matrix, _ = blank.model.stiffness(state)
     area = blank.area_of_nodes()
     assert area.sum() == pytest.approx(0.056**2, rel=1e-9)
+    np.testing.assert_allclose(area[blank.cloth_at], blank.ply.areas(1 / 3), rtol=1e-12)
     area = np.repeat(np.where(area > 0.0, area, area[area > 0.0].mean()), 3)
     values = eigh(dense(matrix), np.diag(area), eigvals_only=True)
     matrix.destroy()
