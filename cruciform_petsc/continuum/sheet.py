@@ -189,13 +189,13 @@ class Sheet:
 
     # -- results --------------------------------------------------------------------------------
 
+    def dissipated(self, state: Placed) -> dict[str, float]:
+        """Nothing: see Ply.dissipated."""
+        return {}
+
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a triangle, radians. Collective."""
         return most(self.comm, abs(self.stretching.measures(state)[:, 2]), 0.0)
-
-    def dissipated(self, state: Placed) -> dict[str, float]:
-        """See Ply.dissipated: nothing."""
-        return {}
 
     def at(self, state: Placed, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement (n, 3) and shear angle (n,) at points (n, 2) at rest. Collective.

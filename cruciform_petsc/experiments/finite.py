@@ -68,7 +68,7 @@ class FiniteTest:
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
         kind = TrussPly if experiment.model == "truss" else Ply
-        self.ply = kind(constraints, out_of_plane, experiment.flat)
+        self.ply = kind(constraints, out_of_plane, experiment.flat, experiment.prestretch)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.ply.cruciforms.course = Course(self.seconds, self.temperature)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
@@ -17,6 +17,31 @@ from ..units import Quantity, format_si
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
 MOST_INCREMENTS = 100_000
+
+PRETENSION = Of(
+    "N/m", many=True, good=lambda n: n >= 0.0, wanted="zero or positive", example="10 N/cm"
+)
+
+
+def _of_both(told: Quantities) -> Quantities:
+    if isinstance(told, list) and len(told) != 2:
+        raise ValueError(f"must be one tension, or a list of 2 for warp and weft, got {len(told)}")
+    return told
+
+
+Pretension = Annotated[Quantities, PRETENSION, AfterValidator(_of_both)]
+
+
+def prestretch(pretension: Quantities | None, fabric: Fabric) -> tuple[float, float]:
+    """Stretches of warp and weft under a pretension of both, or of each; (1, 1) without."""
+    if pretension is None:
+        return 1.0, 1.0
+    warp, weft = (si_values(pretension) * 2)[:2]
+    try:
+        return fabric.prestretch(warp, weft)
+    except InputError as error:
+        raise InputError(f"test.pretension: {error}") from None
+
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
 Way = Annotated[Quantity, Of("m", good=lambda way: way != 0.0, wanted="other than 0")]
@@ -209,6 +234,29 @@ class TestTable(KindTable):
                 f"test.{self.control} = {format_si(largest, 'm')} is {largest / length:.3g} times "
                 f"the specimen's length of {format_si(length, 'm')}, which unit is meant?"
             )
+        problems.tell()
+
+
+class TensionedTable(TestTable):
+    """Kinds whose cloth may be under tension along both yarns before the test."""
+
+    pretension: Pretension | None = None
+    """Tension per width along both yarns before the test, which the cloth is drawn with, with
+    finite = true: of both, or of warp and weft. Example: `"10 N/cm"`"""
+
+    @model_validator(mode="after")
+    def _tensioned(self) -> TensionedTable:
+        if self.pretension is not None and not self.finite:
+            raise ValueError(".pretension needs finite = true: small displacements start at rest")
+        return self
+
+    def check(self, preform: Preform, fabric: Fabric) -> None:
+        """See KindTable.check."""
+        problems = Problems()
+        with problems.caught():
+            super().check(preform, fabric)
+        with problems.caught():
+            prestretch(self.pretension, fabric)
         problems.tell()
 
 

@@ -34,7 +34,9 @@ REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
-_POINTS = {"cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3)}
+_POINTS = {
+    "cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3), "twist": slice(0, 2),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,8 @@ class Blank:
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
     cuts : mapping, optional
         What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
+    prestretch : pair of float
+        See PlyNodes.
 
     Attributes
     ----------
@@ -134,6 +138,7 @@ class Blank:
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
         cuts: Mapping[str, shapely.Polygon] | None = None,
+        prestretch: tuple[float, float] = (1.0, 1.0),
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -143,6 +148,7 @@ class Blank:
             fabric, length_of(network, self.symmetry)
         )
         self.factors = factors or {}
+        self.prestretch = prestretch
         self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
@@ -151,7 +157,7 @@ class Blank:
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
-        self._held = holder(ply)([])  # where edges hold the cloth, at rest
+        self.cloth_hold = holder(ply)([])  # where edges hold the cloth, at rest
         place = np.array([tool.start.place for tool in tools]).reshape(-1, 3)
         tool_nodes = ToolNodes(self.comm, place)
         self.nodes = JoinedNodes([ply.nodes, tool_nodes])
@@ -196,7 +202,8 @@ class Blank:
         constraints = Constraints(self.network, bending, floats=True)
         for edge in sorted(self.symmetry):
             constraints.symmetry(edge)
-        return self._ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+        out = self.network.fabric.out_of_plane("forming")
+        return self._ply(constraints, out, flat=False, prestretch=self.prestretch)
 
     @property
     def pitch(self) -> float:
@@ -210,7 +217,7 @@ class Blank:
         rotations: Mapping[str, np.ndarray],
     ) -> Hold:
         """Tools held at places (n, 3), but for axes that are free (n, 3), and turned."""
-        cloth = self._held
+        cloth = self.cloth_hold
         nodes = np.concatenate([self.cloth_at[cloth.nodes], self.tool_node])
         fixed = np.concatenate([cloth.fixed, ~free])
         place = np.concatenate([cloth.place, place])

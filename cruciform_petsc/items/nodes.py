@@ -26,6 +26,8 @@ class PlyNodes:
         width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
         In space: hold z of all nodes, not only on clamps and guides.
+    prestretch : pair of float
+        Length of warp and weft yarns as the network is drawn over that without tension.
 
     Attributes
     ----------
@@ -45,8 +47,10 @@ class PlyNodes:
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
     ):
         self.constraints, self.network = constraints, constraints.network
+        self.prestretch = prestretch
         self.bending, self.comm = constraints.bending, constraints.network.comm
         self.dim = 2 if out_of_plane is None else 3
         self.out_of_plane = [

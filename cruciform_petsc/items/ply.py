@@ -21,6 +21,7 @@ from .item import Item, Placed
 from .loads import DeadLoads
 from .nodes import PlyNodes
 from .trimmed import kept
+from .twist import Twist
 
 MODES = ("tension", "shear", "bending")  # of the energy of a cloth in its plane
 
@@ -42,8 +43,9 @@ class Ply(PlyNodes):
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
     ):
-        super().__init__(constraints, out_of_plane, flat)
+        super().__init__(constraints, out_of_plane, flat, prestretch)
         self.cruciforms = Cruciforms(self)
         self.bends = Bends(self)
         force = np.zeros_like(self.nodes.rest)
@@ -52,7 +54,8 @@ class Ply(PlyNodes):
         )
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
-        self.further: list[Item] = []
+        share = self.network.fabric.out_of_plane_twisting
+        self.further: list[Item] = [Twist(self, share)] if share and self.dim == 3 else []
         self.cuts: Mapping[str, shapely.Polygon] = {}
 
     def with_shear_law(self, law: Potential) -> Ply:

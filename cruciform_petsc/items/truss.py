@@ -14,6 +14,7 @@ import numpy as np
 
 from ..elements.level import ENERGY
 from ..elements.truss import crosses
+from ..errors import InputError
 from ..laws import linear
 from ..net.lattice import ARM_STEP, OPPOSITE, QUADRANTS
 from ..net.nodes import Nodes
@@ -86,9 +87,14 @@ class Truss(Item):
 
 
 class TrussPly(Ply):
-    """A Ply whose item is a Truss. Collective. Yarns may not bend, in the plane or out of it."""
+    """A Ply whose item is a Truss. Collective. Yarns may not bend, in the plane or out of it.
 
-    def __init__(self, constraints, out_of_plane=None, flat=True):
+    Raises InputError on every rank for cloth that is stretched at rest.
+    """
+
+    def __init__(self, constraints, out_of_plane=None, flat=True, prestretch=(1.0, 1.0)):
+        if tuple(prestretch) != (1.0, 1.0):
+            raise InputError('test.model = "truss" takes no test.pretension, leave one of them out')
         super().__init__(constraints, out_of_plane, flat)
         network, nodes = self.network, self.nodes
         # Between crossovers there is no joint.

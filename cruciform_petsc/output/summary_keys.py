@@ -171,6 +171,10 @@ class Summary(Part):
     symmetry: dict[str, Any] | None = None
     clamps: dict[str, Any] | None = None
     """Of a forming: what planes of symmetry and clamps hold."""
+    inflation: dict[str, Any] | None = None
+    """Of an inflation: rise, volume, tensions by pressure (docs/forming.md)."""
+    drape: dict[str, Any] | None = None
+    """Of a drape test: coefficient, folds (docs/forming.md)."""
 
     @classmethod
     def json_schema(cls) -> dict[str, Any]:

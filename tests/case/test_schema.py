@@ -108,10 +108,11 @@ def test_defaults(write):
     assert (case.continuum.second_gradient, case.second_gradient) == (None, True)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
-        "results",
+        "results/case",
         True,
         True,
     )
+    assert Case.load(write(OWN_FABRIC), ["output.directory=here"]).output.directory == "here"
 
 
 def test_everything_given(write):
@@ -356,18 +357,19 @@ def test_bad_override(write, override):
             ["test.kind=bias"],  # nearer to "biaxial" by its letters
             'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
             '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
-            '"pantograph", "forming")',
+            '"pantograph", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=bias-extention"],
             'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '
             'known: "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
-            '"cantilever", "pantograph", "forming")',
+            '"cantilever", "pantograph", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=[1]"],
             'test.kind: there is no kind of test "[1]" (known: "bias-extension", "picture-frame", '
-            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "forming")',
+            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "forming", "drape", '
+            '"inflation")',
         ),
         (["test=[1]"], "test must be a table, got [1]"),
         (
@@ -393,8 +395,8 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
-            "weave may stand)",
+            "shear, shear_viscosity, shear_friction, tension, out_of_plane_bending, areal_density, "
+            "thickness, fibre_density, out_of_plane_twisting and weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],
