@@ -22,10 +22,10 @@ from cruciform_petsc.solvers.eigen import Factor, largest
 RIGIDITY, LENGTH, STIFF = 1e-3, 0.1, 4e5
 
 
-def cloth_of(pitch, out_of_plane=(RIGIDITY, RIGIDITY), shear=1e3):
+def cloth_of(pitch, out_of_plane=(RIGIDITY, RIGIDITY), shear=1e3, twisting=0.0):
     """Stiff in tension, no Poisson; yarns stiff enough in the plane not to kink there first."""
     warp, weft = (YarnFamily(STIFF, 0.0, 1 / pitch, 1e-4, b) for b in out_of_plane)
-    return Fabric("cloth", warp, weft, shear)
+    return Fabric("cloth", warp, weft, shear, out_of_plane_twisting=twisting)
 
 
 def strip(n, **keys):
@@ -144,11 +144,11 @@ def test_modes_do_not_depend_on_how_they_come():
 # -- a panel in shear -----------------------------------------------------------------------------
 
 
-def ritz(rigidities, sides, n=12):
-    """Critical shear flow of a clamped plate that bends along x and y and does not resist twist.
+def ritz(rigidities, sides, n=12, twisting=0.0):
+    """Critical shear flow of a clamped plate that bends along x and y, and may resist twist.
 
     Ritz's method with (1 - s^2)^2 P_i(s) in both directions: stationary values of
-    int D_1 w_xx^2 + D_2 w_yy^2 + 2 N w_x w_y.
+    int D_1 w_xx^2 + D_2 w_yy^2 + (D_1 + D_2) t w_xy^2 + 2 N w_x w_y.
     """
     s, weight = legendre.leggauss(n + 8)
     clamp = Polynomial([1, 0, -2, 0, 1])
@@ -157,6 +157,8 @@ def ritz(rigidities, sides, n=12):
     m, c, k = f * weight @ f.T, df * weight @ f.T, ddf * weight @ ddf.T
     (a, b), (d1, d2) = 0.5 * np.array(sides), rigidities
     stiffness = d1 * b / a**3 * np.kron(k, m) + d2 * a / b**3 * np.kron(m, k)
+    slope = df * weight @ df.T
+    stiffness += twisting * (d1 + d2) / (a * b) * np.kron(slope, slope)
     geometric = np.kron(c, c.T)
     return 1.0 / eigh(-geometric - geometric.T, stiffness, eigvals_only=True)[-1]
 
@@ -192,19 +194,24 @@ def test_the_series_itself():
     assert strip == pytest.approx(4 * 15.07, rel=1e-3)
     long = ritz((1.0, 1.0), (5.0, 1.0), 20)
     assert strip < long < 1.03 * strip
+    # An isotropic square: 14.71 pi^2 D/b^2 (Timoshenko and Gere), from above, by fewer terms.
+    square = ritz((1.0, 1.0), (1.0, 1.0), twisting=1.0)
+    assert 0.99 * 14.71 * np.pi**2 < square < 14.71 * np.pi**2
     # Scaled along x, a panel is another one of another rigidity.
     assert ritz((16.0, 1.0), (2.0, 1.0)) == pytest.approx(2.0 * ritz((1.0, 1.0), (1.0, 1.0)))
 
 
-def sheared(n, rigidities=(RIGIDITY, RIGIDITY), across=1.0):
+def sheared(n, rigidities=(RIGIDITY, RIGIDITY), across=1.0, twisting=0.0):
     """Critical shear flow of a panel in a picture frame over that of the series."""
     pitch = LENGTH / n
     preform = Preform.rectangle(across * LENGTH, LENGTH, 0.0)
-    network = Network(MPI.COMM_SELF, preform, cloth_of(pitch, rigidities))
+    cloth = cloth_of(pitch, rigidities, twisting=twisting)
+    network = Network(MPI.COMM_SELF, preform, cloth)
     test = PictureFrame(network, "0.1 deg", space=True, stability={})
     critical = test.solve().buckling.linear[0]
     flow = 1e3 * critical.control  # G gamma
-    return flow / ritz(rigidities[::-1], (across * LENGTH, LENGTH)) - 1.0  # the warp runs along y
+    # The warp runs along y.
+    return flow / ritz(rigidities[::-1], (across * LENGTH, LENGTH), twisting=twisting) - 1.0
 
 
 def test_sheared_panel():
@@ -217,6 +224,11 @@ def test_sheared_panel():
 def test_sheared_panel_of_two_rigidities():
     """The warp four times as stiff, twice as long as wide: which is which shows."""
     assert abs(sheared(16, (4e-3, 1e-3), 0.5)) < 1e-2
+
+
+def test_sheared_panel_that_resists_twist():
+    """Like a sheet that bends alike in all directions: half as much again."""
+    assert abs(sheared(16, twisting=1.0)) < 1.2e-2
 
 
 # -- a tube under pressure from outside -----------------------------------------------------------
