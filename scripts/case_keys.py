@@ -21,7 +21,7 @@ from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
 from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
-from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
+from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import table as forming
 from cruciform_petsc.tools import tool
@@ -95,6 +95,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`preform.edges`, by name", preform.EdgeTable),
     ("`[test]`, every kind but forming, drape, inflation", TestTable),
     ("`test.imperfection`", ImperfectionTable),
+    ("`test.stability`", StabilityTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
     *(
         (f'`[test]`, `kind = "{kind}"`', kind_class(kind).table)

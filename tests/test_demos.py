@@ -41,6 +41,11 @@ FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
     "three_corners",
 }  # fmt: skip
+# Load at which it becomes unstable, N, on the way and linearised; and the closed form's.
+BUCKLING = {
+    "strut_buckling": (-0.0788, -0.07881, -4 * np.pi**2 * 1e-3 / 0.1**2 * 0.02),
+    "sheared_panel": (0.6626, 0.6788, 95.823 * 1e-3 / 0.2**2 * 0.2 * np.sqrt(2)),
+}
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
@@ -91,9 +96,9 @@ def last(values):
 
 
 def test_every_demo_is_listed():
-    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(
-        FINITE
-    ) | FORMING | ELSEWHERE
+    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(FINITE) | FORMING | set(
+        BUCKLING
+    ) | ELSEWHERE
 
 
 @pytest.mark.parametrize("demo", sorted(SMALL))
@@ -145,6 +150,25 @@ def test_finite(demo, tmp_path):
     assert ("stages.png" in pictures) == (not demo.startswith("biaxial"))
     for name in ("series.vtkhdf", "curve.csv"):
         assert (tmp_path / "2" / name).stat().st_size > 40
+
+
+@pytest.mark.parametrize("demo", sorted(BUCKLING))
+def test_buckling(demo, tmp_path):
+    """Critical loads near the closed form's; the cloth goes on along its branch."""
+    bare = ("--set", "output.pictures=false")
+    alone, both = (run(demo, r, tmp_path / f"{r}", *bare * (r - 1)) for r in (1, 2))
+    passed, linear, closed = BUCKLING[demo]
+    for summary in (alone, both):
+        found = summary["stability"]
+        assert [state["load_n"] for state in found["critical"]] == pytest.approx([passed], rel=2e-4)
+        assert found["linear"][0]["load_n"] == pytest.approx(linear, rel=2e-4)
+        assert found["linear"][0]["load_n"] == pytest.approx(closed, rel=5e-3)
+    assert both["height_max_mm"] == pytest.approx(alone["height_max_mm"], rel=1e-5)
+    if demo == "strut_buckling":  # h = 2/pi sqrt(L d), d the shortening beyond the critical one
+        height = 2 / np.pi * np.sqrt(100 * (1 - 0.0076))
+        assert alone["height_max_mm"][-1] == pytest.approx(height, rel=5e-3)
+    for name in ("mode.png", "lowest_stiffness.png", "mode.vtkhdf", "report.html"):
+        assert (tmp_path / "1" / name).stat().st_size > 2000
 
 
 def test_hemisphere(tmp_path):

@@ -129,6 +129,7 @@ class Experiment:
         self.network, self.options = network, options or {}
         self.size, self.middle = network.preform.size, network.preform.middle
         self.space, self.imperfection = test.space, test.imperfection
+        self.stability, self.model = test.stability, test.model
         self.prestretch = prestretch(getattr(test, "pretension", None), network.fabric)
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():

@@ -166,7 +166,7 @@ def _finite(result: TestResult, largest: float) -> list[str]:
     strains = [state.fields["arm_strain"] for state in result.states]
     extremes = np.array([[s.min(initial=0.0), s.max(initial=0.0)] for s in strains])
     sentences += beyond_laws(experiment.network, largest, extremes)
-    if experiment.space and experiment.imperfection is None:
+    if experiment.space and experiment.imperfection is None and result.buckling is None:
         mended = any(increment.shifted for increment in result.increments)
         sentences.append(
             "the cloth may leave its plane but starts exactly flat: wrinkles start from rounding, "

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -44,6 +44,7 @@ def prestretch(pretension: Quantities | None, fabric: Fabric) -> tuple[float, fl
 
 
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Way = Annotated[Quantity, Of("m", good=lambda way: way != 0.0, wanted="other than 0")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
 
@@ -55,6 +56,19 @@ class ImperfectionTable(Table):
     Example: `"0.1 mm"`"""
     seed: Annotated[int, Field(ge=0)] = 1
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
+
+
+class StabilityTable(Table):
+    """[test] stability: critical loads and modes (docs/stability.md), with finite = true."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are told."""
+    branch: bool = True
+    """Go on along the branch that leaves where the cloth becomes unstable; false: along the
+    unstable state."""
+    step: Way | None = None
+    """How far along its mode the cloth is moved there, negative: to the other side. The default is
+    a tenth of the fabric's thickness, or a thousandth of the longer side. Example: `"0.05 mm"`"""
 
 
 class KindTable(Table):
@@ -71,7 +85,21 @@ class KindTable(Table):
     kind: str
     """Which experiment."""
     bending: bool = True
-    """Yarns bend in the plane; false: they are hinged."""
+    """Yarns bend in the plane; false: they are hinged, as always with model = "truss"."""
+    model: Literal["coupled", "truss"] = "coupled"
+    """Cruciforms; or a truss of pin-jointed bars along the yarns with soft diagonals, at finite
+    deformation (docs/models.md)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _truss_is_hinged(cls, data: Any) -> Any:
+        return data | {"bending": False} if data.get("model") == "truss" else data
+
+    @model_validator(mode="after")
+    def _truss(self) -> KindTable:
+        if self.model == "truss" and not getattr(self, "finite", True):
+            raise ValueError('has model = "truss", which is for finite deformation only')
+        return self
 
     def placed(self, preform: Preform) -> Preform:
         """The preform where the test has it: as it is drawn."""
@@ -89,6 +117,11 @@ class KindTable(Table):
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
+        if self.model == "truss" and (fabric.remembers or fabric.biaxial_law is not None):
+            problems.append(
+                'test.model = "truss" has bars, which know neither viscosity and friction of shear '
+                "nor tensions of both families together: leave those out of the fabric"
+            )
         problems.tell()
 
 
@@ -110,6 +143,9 @@ class TestTable(KindTable):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
+    stability: StabilityTable | None = None
+    """Where the cloth becomes unstable, what shape it takes there and beyond, with finite = true.
+    Example: `{ modes = 2 }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
@@ -134,6 +170,17 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.imperfection is not None and self.model == "truss":
+            raise ValueError(".imperfection is what yarns are bent by, and those of a truss do not")
+        if self.stability is not None and not self.finite:
+            raise ValueError(
+                ".stability needs finite = true: small displacements are always stable"
+            )
+        if self.stability is not None and self.control != next(iter(self.controls)):
+            raise ValueError(
+                f".stability follows the {next(iter(self.controls))}, give that in place of "
+                f"{self.control}"
+            )
         return self
 
     @classmethod

@@ -22,6 +22,7 @@ from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
 from ..items.trimmed import Trimmed
+from ..items.truss import TrussPly
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -33,7 +34,9 @@ REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
-_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3), "twist": slice(0, 2)}
+_POINTS = {
+    "cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3), "twist": slice(0, 2),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,8 @@ class Blank:
     model : Model
     """
 
+    _ply: type[Ply] = Ply
+
     def __init__(
         self,
         network: Network,
@@ -198,7 +203,7 @@ class Blank:
         for edge in sorted(self.symmetry):
             constraints.symmetry(edge)
         out = self.network.fabric.out_of_plane("forming")
-        return Ply(constraints, out, flat=False, prestretch=self.prestretch)
+        return self._ply(constraints, out, flat=False, prestretch=self.prestretch)
 
     @property
     def pitch(self) -> float:
@@ -269,6 +274,12 @@ class Blank:
         far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
         spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
         return far, spent
+
+
+class TrussBlank(Blank):
+    """A blank whose cloth is a truss, see items.truss. Collective."""
+
+    _ply = TrussPly
 
 
 def push_name(tool: str, axis: int) -> str:

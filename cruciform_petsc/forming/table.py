@@ -387,6 +387,12 @@ def check_stages(
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
+        pushed = [key for key in PRESSURES if getattr(stage, key) is not None]
+        if pushed and test.model == "truss":
+            problems.append(
+                f'stage[{i}].{pushed[0]} is not for test.model = "truss", whose surface it would '
+                "not follow"
+            )
         problems += _across_planes(test, f"stage[{i}]", stage)
         for edge in stage.release:
             if edge not in held:
@@ -478,13 +484,15 @@ def check_pressure(
 def below_cloth(tools: Sequence[ToolTable], stages: Sequence[StageTable]) -> set[str]:
     """Names of the tools that the cloth lies on; the others come from above.
 
-    What looks up (side = "+z") is below, what looks down ("-z") above. Of the others those are
+    What looks up (side = "+z") is below, what looks down ("-z") above, as it lies once it has been
+    turned: a skin of which the cloth lies at "+z" in its file looks down when it is turned over. Of
+    the others, those that look aside too, those are
     above that travel downwards first or are pushed downwards, or by a force "towards the cloth";
     those that go up, or never move, are below.
     """
     below = set()
     for tool in tools:
-        up = {"+z": 1.0, "-z": -1.0}.get(tool.shape.side or "", 0.0)
+        up = float(np.sign(np.round(tool.looks[2], 6)))
         for stage in stages:
             if up == 0.0 and tool.name in stage.travel:
                 up = float(np.sign(stage.travel[tool.name][2].si))

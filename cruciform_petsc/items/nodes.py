@@ -57,10 +57,13 @@ class PlyNodes:
             law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
         ]
         self.supports: Supports = find_supports(constraints)
-        self.nodes = Nodes(self.network, self.dim)
+        self.nodes = self._nodes()
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()
+
+    def _nodes(self) -> Nodes:
+        return Nodes(self.network, self.dim)
 
     def _in_space(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 2) in the plane z = 0, if the ply lies in space; (..., dim)."""

@@ -9,6 +9,9 @@ from ..parallel import DistributedNodes, send_by_rank
 from .lattice import ARM_STEP, pack_key
 from .network import Network
 
+# Steps to the eight crossovers around one.
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+
 
 class Nodes(DistributedNodes):
     """Arm ends and hinges of a network as one distributed set of nodes. Collective.
@@ -19,6 +22,8 @@ class Nodes(DistributedNodes):
     ----------
     dim : int
         In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
+    around : bool
+        The hinges of all eight crossovers around this rank's are known.
 
     Attributes
     ----------
@@ -40,7 +45,7 @@ class Nodes(DistributedNodes):
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
     """
 
-    def __init__(self, network: Network, dim: int = 2):
+    def __init__(self, network: Network, dim: int = 2, around: bool = False):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         joined = network.arm_is_shared[:, :2]
@@ -61,6 +66,13 @@ class Nodes(DistributedNodes):
             ghost_key = np.concatenate([ghost_key, more[:, 0]])
             ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
+        if around:
+            near = (ij[:, None] + AROUND).reshape(-1, 2)
+            near = near[~network.partition.in_box(near, network.comm.rank)]
+            near = near[network.has_crossover(near)]
+            ghost_key = np.concatenate([ghost_key, pack_key(0, near[:, 1], 4 * near[:, 0])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near)])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))
@@ -77,6 +89,10 @@ class Nodes(DistributedNodes):
         self.halo.forward(self.rest)
         self.frame = np.tile(np.eye(dim), (self.num_nodes_local, 1, 1))
         self.frame[:, :2, :2] = network.to_lab(np.eye(2))
+
+    def find_hinges(self, ij: np.ndarray) -> np.ndarray:
+        """Local nodes of the crossovers at lattice points (n, 2); -1 where unknown here."""
+        return self.find(pack_key(0, ij[:, 1], 4 * ij[:, 0]))
 
     def _crossing_elsewhere(self, network, hinge_key, next_key, joined, ends) -> np.ndarray:
         """Keys and owners (m, 2) of other ranks' arm ends that cross at next hinges. Collective.

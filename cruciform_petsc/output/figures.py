@@ -136,6 +136,8 @@ def figures(
     # Of a cloth that does not shear there is nothing to see but its curve.
     if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
         drawn["stages.png"] = _stages(result, title)
+    if result.buckling is not None:
+        drawn |= _stability(result, title)
     drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
     if experiment.has_zones:
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
@@ -294,6 +296,33 @@ def _shear_force(
     guides = {name: (np.rad2deg(angle), law)}
     labels = pictures.ANGLE_LABEL, force.axis
     return partial(pictures.curves, lines, labels, title, guides=guides)
+
+
+def _stability(result: TestResult, title: str) -> Drawn:
+    """Modes on the cloth at rest, and the lowest stiffness on the way."""
+    experiment, buckling = result.experiment, result.buckling
+    column, drawn = quantity("lowest_stiffness_Pa_per_mm"), Drawn()
+    if buckling is not None and buckling.modes:
+        shapes = [mode.fields["displacement"] for mode in buckling.modes]
+        space = experiment.space
+        values = {
+            f"mode {i}": shape[:, 2] if space else np.linalg.norm(shape, axis=1)
+            for i, shape in enumerate(shapes, 1)
+        }
+        what = "out of the plane" if space else "in the plane"
+        sample: Any = sample_map(result.network, values)  # on rank 0, which draws it
+        label = f"displacement {what} (largest: 1)"
+        at = "where the cloth becomes unstable" if buckling.passed else "linearised, at rest"
+        drawn["mode.png"] = partial(pictures.maps, sample, label, _told(title, at))
+    curve, own = result.curve(), experiment.column
+    control = own.scale * curve[own.column]
+    sized = own.sized_for(control)
+    line = {"lowest stiffness": (control / sized.scale, curve[column.column])}
+    marks = curve["critical"] > 0.0
+    draw = partial(pictures.curves, line, (sized.axis, f"lowest stiffness ({column.unit})"), title)
+    points = {"critical": (control[marks] / sized.scale, curve[column.column][marks])}
+    drawn["lowest_stiffness.png"] = partial(draw, points=points if marks.any() else {})
+    return drawn
 
 
 def _energies(

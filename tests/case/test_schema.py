@@ -108,10 +108,11 @@ def test_defaults(write):
     assert (case.continuum.second_gradient, case.second_gradient) == (None, True)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
-        "results",
+        "results/case",
         True,
         True,
     )
+    assert Case.load(write(OWN_FABRIC), ["output.directory=here"]).output.directory == "here"
 
 
 def test_everything_given(write):
@@ -446,8 +447,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, bending, finite, space, imperfection, '
-            "increments, extension)",
+            '[test] has the unknown key "load" (known: kind, bending, model, finite, space, '
+            "imperfection, stability, increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
@@ -585,6 +586,30 @@ def test_bad_override(write, override):
         (
             ["test.finite=true", "test.space=true", 'test.imperfection={height="-1 mm"}'],
             'test.imperfection.height must be positive, got "-1 mm"',
+        ),
+        (
+            ["test.model=truss", "test.finite=false"],
+            'test has model = "truss", which is for finite deformation only',
+        ),
+        (
+            ["test.model=truss", "test.space=true", 'test.imperfection={height="1 mm"}'],
+            "test.imperfection is what yarns are bent by, and those of a truss do not",
+        ),
+        (
+            ["test.finite=false", "test.stability={}"],
+            "test.stability needs finite = true: small displacements are always stable",
+        ),
+        (
+            ["test={load='1 N', stability={}}"],
+            "test.stability follows the extension, give that in place of load",
+        ),
+        (
+            ["test.finite=true", 'test.stability={step="0 mm"}'],
+            'test.stability.step must be other than 0, got "0 mm"',
+        ),
+        (
+            ["test.finite=true", "test.stability={modes=0}"],
+            "test.stability.modes must be a whole number from 1 up, got 0",
         ),
         (
             ["test.finite=true", "test.space=true", "output.exports=true"],
