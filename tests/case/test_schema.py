@@ -537,8 +537,8 @@ def test_bad_override(write, override):
         ),
         (
             ["preform.outline={}"],
-            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, polygon and "
-            "file",
+            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, polygon "
+            "and file",
         ),
         (
             ['preform.outline={rectangle=["1 mm"]}'],

@@ -124,7 +124,8 @@ def test_edges_between_points():
     ("outline", "more", "message"),
     [
         ({"circle": "1 cm", "slot": ["1 cm", "2 cm"]}, {},
-         "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, polygon and file"),
+         "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, "
+         "polygon and file"),
         ({"circle": "0 mm"}, {}, 'preform.outline.circle must be positive, got "0 mm"'),
         ({"circle": 3}, {}, "preform.outline.circle is the bare number 3, give it a unit"),
         ({"ellipse": ["1 cm"]}, {}, "preform.outline.ellipse must be a list of 2, got 1"),
