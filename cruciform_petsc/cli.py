@@ -317,7 +317,7 @@ def _sweep(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Find the shear law of a case's fabric from a measured load curve.
+    """Find the shear law of a case's fabric from a load curve, or its crimp from biaxial data.
 
     Example: cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv
     """

@@ -27,6 +27,7 @@ SMALL = {
 FINITE = {
     "biaxial": ("force_warp_n", 800.0),
     "biaxial_cross": ("force_warp_n", 99.982),
+    "biaxial_surface": ("force_warp_n", 796.309404),
     "cantilever": ("tip_across_mm", 28.919694),
     "finite_bias_extension": ("load_n", 8.568834),
     "frame_under_tension": ("load_n", 6.832723),
@@ -37,6 +38,7 @@ FINITE = {
     "prepreg_frame": ("load_n", 10.534952),
     "sin_potential": ("load_n", 11.20169),
 }
+BIAXIAL = {"biaxial", "biaxial_cross", "biaxial_surface"}
 FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
     "three_corners",
@@ -46,7 +48,7 @@ BUCKLING = {
     "strut_buckling": (-0.0788, -0.07881, -4 * np.pi**2 * 1e-3 / 0.1**2 * 0.02),
     "sheared_panel": (0.6626, 0.6788, 95.823 * 1e-3 / 0.2**2 * 0.2 * np.sqrt(2)),
 }
-ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
+ELSEWHERE = {"calibrate_glass_pp", "calibrate_crimp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
     "title", "ranks", "crossovers", "dofs", "extension_m", "shear_centre_deg",
@@ -74,7 +76,7 @@ def on_one_and_two(demo, tmp_path):
     assert set(alone) >= KEYS
     assert (alone["ranks"], both["ranks"]) == (1, 2)
     assert set(alone["energy_j"]) == {"tension", "shear", "bending"}
-    force = "force_warp_n" if demo.startswith("biaxial") else "load_n"
+    force = "force_warp_n" if demo in BIAXIAL else "load_n"
     for key in (force, "extension_m", "shear_centre_deg", "shear_max_deg"):
         # LSQR of the separate systems stops at 1e-10 of the normal residual, times its condition.
         rel = 1e-5 if alone["model"] == "separate" else 1e-8
@@ -132,7 +134,7 @@ def test_finite(demo, tmp_path):
     key, value = FINITE[demo]
     assert alone[key][-1] == pytest.approx(value, rel=1e-5)
     assert {"snes", "ksp", "pc", "newton_iterations"} <= set(alone["solver"])
-    force = "force_warp_n" if demo.startswith("biaxial") else "load_n"
+    force = "force_warp_n" if demo in BIAXIAL else "load_n"
     asked = [step[force] for step in alone["increments"] if step["asked"]]
     assert asked == pytest.approx(alone[force], rel=1e-12)
     assert all(step["residual_n"] <= step["tolerance_n"] for step in alone["increments"])
@@ -142,12 +144,14 @@ def test_finite(demo, tmp_path):
             bending_rigidity(p, "100 mm", 1e-3 * w) / 7 for p, w in zip(loads, tips, strict=True)
         ]
         assert read == pytest.approx(len(read) * [0.6e-6], rel=3e-3)
+    if demo == "biaxial_surface":
+        assert "tension_surface.png" in {path.name for path in (tmp_path / "1").glob("*.png")}
     if demo == "sin_potential":  # 561 crossovers: of first order in the pitch
         assert alone["continuum"]["load_ratio"] == pytest.approx([1.0] * 5, abs=0.05)
     pictures = {path.name for path in (tmp_path / "1").glob("*.png")}
     assert {"yarns.png", "energy.png"} < pictures
     assert len([name for name in pictures if "_against_" in name]) == 1
-    assert ("stages.png" in pictures) == (not demo.startswith("biaxial"))
+    assert ("stages.png" in pictures) == (demo not in BIAXIAL)
     for name in ("series.vtkhdf", "curve.csv"):
         assert (tmp_path / "2" / name).stat().st_size > 40
 

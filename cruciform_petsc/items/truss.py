@@ -14,6 +14,7 @@ import numpy as np
 
 from ..elements.level import ENERGY
 from ..elements.truss import crosses
+from ..errors import InputError
 from ..laws import linear
 from ..net.lattice import ARM_STEP, OPPOSITE, QUADRANTS
 from ..net.nodes import Nodes

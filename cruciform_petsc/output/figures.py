@@ -139,6 +139,8 @@ def figures(
     if result.buckling is not None:
         drawn |= _stability(result, title)
     drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
+    if experiment.finite and result.network.fabric.biaxial_law is not None:
+        drawn["tension_surface.png"] = _surface(result, title)
     if experiment.has_zones:
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
     maps, uniform = _maps(result, membrane, title)
@@ -344,6 +346,19 @@ def _energies(
     column = own.sized_for(control)
     labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
+
+
+def _surface(result: TestResult, title: str) -> partial[Figure]:
+    """Both tensions of the law over both strains, and the way of the cloth's mean strains there."""
+    comm, law = result.network.comm, result.network.fabric.biaxial_law
+    assert law is not None
+    way = [(0.0, 0.0)]
+    for state in result.states:
+        carrying = state.fields["carrying"]
+        sums = [state.fields[f"{name}_strain"][carrying].sum() for name in ("warp", "weft")]
+        warp, weft, count = comm.allreduce(np.array([*sums, carrying.sum()]))
+        way.append((warp / max(count, 1), weft / max(count, 1)))
+    return partial(pictures.tension_surface, law, np.array(way), title)
 
 
 def _zones(experiment: Experiment, curve: Mapping[str, np.ndarray], title: str) -> partial[Figure]:

@@ -39,7 +39,7 @@ OF_RUN = (
     "net_pattern.dxf",
     "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png", "shadow.png",
     "mode.vtkhdf", "mode.png", "lowest_stiffness.png",
-    "scene.png", "yarns.png", "stages.png", "energy.png",
+    "scene.png", "yarns.png", "stages.png", "energy.png", "tension_surface.png",
     "zones.png", "shear_map.png", "tension_map.png", "wrinkle_map.png", "centre_line.png",
     "ladder.png", "shear_against_load.png", "shear_force.png",
     "with_and_without_bending.png", "tension_against_strain.png",

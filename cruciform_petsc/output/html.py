@@ -19,7 +19,7 @@ import shapely
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..experiments.registry import forms
-from ..experiments.result import TestResult
+from ..experiments.result import EFFORT, TestResult
 from ..forming.forming import Formed
 from ..quantities import quantity, si_text
 from ..units import format_si
@@ -97,7 +97,7 @@ def _(shown: Result) -> str:
 
 def _last(curve: Mapping[str, np.ndarray]) -> list[tuple[str, str]]:
     """The last row of a test's curve: names with units, and values; energies as their sum."""
-    last: dict[str, Any] = {name: values[-1:] for name, values in curve.items() if name != "asked"}
+    last: dict[str, Any] = {name: v[-1:] for name, v in curve.items() if name not in EFFORT}
     energy = sum(last.pop(name) for name in list(last) if name.startswith("energy_"))
     table = report.curve_table(last | {"energy_J": energy})
     return list(zip(table.heads, *table.rows, strict=True))

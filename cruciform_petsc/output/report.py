@@ -59,6 +59,8 @@ CAPTIONS = MAPS | {  # and Experiment.captions
     "lowest_stiffness.png": "Lowest stiffness: where it is zero the cloth becomes unstable, below "
     "it would leave its state.",
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "tension_surface.png": "Tensions of the cloth by both strains: colours are the law's, discs "
+    "(of a surface) what was measured, the line where this test has been, in the mean.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "shadow.png": "Shadow of the draped cloth on the disc, and the flat cloth (dashed).",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
@@ -435,6 +437,9 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
 def yarns(fabric: Fabric) -> Table:
     """What is known of both families of yarns."""
     sides = (fabric.warp, fabric.weft)
+    biaxial = fabric.biaxial_law
+    single = (fabric.warp_tension, fabric.weft_tension)
+    tension_laws = [law.name if biaxial is None else biaxial.name for law in single]
     laws = [side.out_of_plane_law for side in sides]
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
@@ -445,7 +450,7 @@ def yarns(fabric: Fabric) -> Table:
             "bending out of the plane, per width",
             *(format_si(law.stiffness0, "N*m") if law else "" for law in laws),
         ],
-        ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
+        ["law of tension", *tension_laws],
     ]
     return Table([fabric.name, "warp", "weft"], rows)
 

@@ -492,6 +492,26 @@ def test_foreign_checkpoints_are_refused(copy):
     assert "belongs to another case (preform.bias_angle, test.kind" in refused(copy, other)
 
 
+def test_a_surface_of_tension(tmp_path):
+    """Goes on exactly as it would have; with other points in its file it is another case."""
+    path = tmp_path / "biaxial.csv"
+    titles = "warp strain (%), weft strain (%), warp tension (N/cm), weft tension (N/cm)\n"
+    rows = [(a, b, 40 * a + 9 * b, 30 * b + 9 * a) for a in (0, 0.5, 1) for b in (0, 0.5, 1)]
+    path.write_text(titles + "\n".join(", ".join(map(str, row)) for row in rows))
+
+    def case():
+        data = case_of(FREE, "30 deg").model_dump(exclude_none=True)
+        data["fabric"]["tension"] = {"surface": {"file": str(path)}, "compression": 0.1}
+        return Case.from_data(data)
+
+    whole, folder = solve(case()), tmp_path / "results"
+    assert solve(case(), Checkpoint.begin(COMM, folder, case()), 1) is None
+    curves_agree(solve(case(), Checkpoint.resume(COMM, folder, case())), whole)
+    path.write_text(path.read_text().replace("49", "50"))
+    with pytest.raises(InputError, match=r"belongs to another case \(fabric\.warp\.modulus"):
+        Checkpoint.resume(COMM, folder, case())
+
+
 def test_checkpoints_of_the_first_format_are_refused(copy):
     """They were files. What to do is said, and `run` does not take them for its own."""
     folder = copy / "checkpoint"
