@@ -108,7 +108,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
     path = case.output.measured
     if path is None:
         return None
-    if kind == "biaxial":
+    if kind.startswith("biaxial"):
         raise InputError(
             "output.measured is a force over a displacement, which a biaxial test does not have, "
             "leave it out"

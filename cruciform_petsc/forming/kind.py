@@ -414,7 +414,7 @@ class Forming:
         except EquilibriumError as error:
             if error.result is not None:
                 error.result.of = self
-            explain(self.blank, self.stages, error, keeper is not None)
+            explain(self.blank, self.stages, error, keeper is not None, self.kind)
             raise
 
 

@@ -356,20 +356,20 @@ def test_bad_override(write, override):
         (
             ["test.kind=bias"],  # nearer to "biaxial" by its letters
             'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
-            '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
-            '"pantograph", "forming", "drape", "inflation")',
+            '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
+            '"biaxial-load", "cantilever", "pantograph", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=bias-extention"],
             'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '
             'known: "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
-            '"cantilever", "pantograph", "forming", "drape", "inflation")',
+            '"biaxial-load", "cantilever", "pantograph", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=[1]"],
             'test.kind: there is no kind of test "[1]" (known: "bias-extension", "picture-frame", '
-            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "forming", "drape", '
-            '"inflation")',
+            '"off-axis-tension", "biaxial", "biaxial-load", "cantilever", "pantograph", "forming", '
+            '"drape", "inflation")',
         ),
         (["test=[1]"], "test must be a table, got [1]"),
         (
@@ -537,8 +537,8 @@ def test_bad_override(write, override):
         ),
         (
             ["preform.outline={}"],
-            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, polygon and "
-            "file",
+            "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, polygon "
+            "and file",
         ),
         (
             ['preform.outline={rectangle=["1 mm"]}'],
