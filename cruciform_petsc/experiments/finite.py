@@ -23,6 +23,7 @@ from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
 
+EASY = 20  # Newton steps, of all rounds of friction together
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
 
@@ -64,7 +65,7 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        self.ply = Ply(constraints, out_of_plane, experiment.flat, experiment.slip)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.model = model_of(self.ply)
@@ -133,7 +134,7 @@ class FiniteTest:
             control_step = control_step or test.reference_control()
         else:
             control_step = step or control_step
-        return Stage(
+        stage = Stage(
             test.kind,
             self.drive,
             test.values.tolist(),
@@ -145,6 +146,8 @@ class FiniteTest:
             self.rate,
             self.measure,
         )
+        # Friction sticks and slides: what has been says little of what comes.
+        return stage if test.slip is None else replace(stage, carry_on=False, easy=EASY)
 
     def result_state(self, state: State, measured: Measured) -> result.State:
         """What a result keeps of a state."""
@@ -172,7 +175,8 @@ def solve_finite(
     """See Experiment.solve. Collective."""
     test = FiniteTest(experiment)
     start = test.at(0.0)
-    equilibrium = Equilibrium(test.model, start, experiment.options)
+    switches = experiment.slip is not None  # as friction does
+    equilibrium = Equilibrium(test.model, start, experiment.options, foretell=not switches)
     types = equilibrium.types()
     path = Path([start], begin=start.time)
     done: list[Increment] = []

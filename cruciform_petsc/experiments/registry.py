@@ -22,6 +22,7 @@ KINDS: dict[str, str | type] = {
     "biaxial": "biaxial.Biaxial",
     "cantilever": "cantilever.Cantilever",
     "pantograph": "pantograph.Pantograph",
+    "pull-out": "pull_out.PullOut",
     "forming": ".forming.kind.Forming",
 }
 DEFAULT = "bias-extension"

@@ -193,6 +193,13 @@ class TestResult:
         heights = [abs(state.fields["displacement"][:, 2:]) for state in self.states]
         return np.array([most(self.network.comm, z, 0.0) for z in heights])
 
+    def _slip(self) -> dict[str, np.ndarray]:
+        """Columns of yarns that slide through crossovers, see items.slip. Collective."""
+        comm, fields = self.network.comm, [state.fields for state in self.states]
+        largest = [most(comm, abs(at["slip"]), 0.0) for at in fields]
+        spent = comm.allreduce(np.array([at["slip_spent"].sum() for at in fields]))
+        return {"slip_max_mm": 1e3 * np.array(largest), "slip_spent_J": spent}
+
     # -- shear angles -----------------------------------------------------------------------------
 
     @property
@@ -327,6 +334,8 @@ class TestResult:
                 columns[f"shear_{zone}_deg"] = np.rad2deg(angle)
         if self.experiment.space:
             columns["height_max_mm"] = 1e3 * self.heights_max
+        if self.experiment.slip is not None:
+            columns |= self._slip()
         columns |= {f"energy_{mode}_J": value for mode, value in self.energies().items()}
         return columns | self.experiment.extra_columns(self)
 

@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+import shapely
 from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import Problems
-from ..fields import Count, Of, Quantities, Size, Table, si_values
-from ..units import format_si
+from ..fields import Count, Number, Of, Quantities, Ring, Size, Table, si_values
+from ..items.nodes import Slip
+from ..units import Quantity, format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
@@ -29,6 +32,61 @@ class ImperfectionTable(Table):
     Example: `"0.1 mm"`"""
     seed: Annotated[int, Field(ge=0)] = 1
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
+
+
+def _is_crimp(angle: float) -> bool:
+    return 0.0 <= angle < 0.5 * np.pi
+
+
+class SlipTable(Table):
+    """[test] slip: yarns slide through crossovers, against friction (docs/slip.md)."""
+
+    force: Annotated[Quantity, Of("N", good=lambda f: f > 0.0, wanted="positive")]
+    """Pull-out force of one crossing: at which a yarn slides across one crossing yarn.
+    Example: `"0.05 N"`"""
+    friction: Annotated[Number, Field(ge=0.0, le=10.0)] = 0.0
+    """Of yarn on yarn: with `crimp_angle`, what their tension adds to the force."""
+    crimp_angle: (
+        Annotated[
+            Quantity, Of("rad", example="20 deg", good=_is_crimp, wanted="from 0 to below 90 deg")
+        ]
+        | None
+    ) = None
+    """Of yarns to the cloth's plane, where they cross. Example: `"15 deg"`"""
+    yarns: Literal["both", "warp", "weft"] = "both"
+    """Which slide."""
+    region: Ring | None = None
+    """Corners of the part of the cloth in which they slide, x and y; by default in all of it.
+    Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]`"""
+    closest: Annotated[Number, Field(ge=0.01, le=0.95)] = 0.2
+    """How close crossing yarns come to each other, over their distance at rest."""
+    elastic_slip: Size | None = None
+    """Up to which friction gives like a spring; by default a thousandth of the pitch.
+    Example: `"0.005 mm"`"""
+
+    @model_validator(mode="after")
+    def _fits(self) -> SlipTable:
+        if (self.friction > 0.0) != (self.crimp_angle is not None):
+            given, lacks = ("friction", "crimp_angle")[:: 1 if self.friction > 0.0 else -1]
+            raise ValueError(f".{given} needs {lacks}, too: both make a normal force of a tension")
+        if self.region is not None and not self._polygon().is_valid:
+            raise ValueError(".region crosses or touches itself")
+        return self
+
+    def _polygon(self) -> shapely.Polygon:
+        return shapely.Polygon([si_values(point) for point in self.region or ()])
+
+    def build(self) -> Slip:
+        """What a ply takes."""
+        angle = 0.0 if self.crimp_angle is None else self.crimp_angle.si
+        return Slip(
+            self.force.si,
+            self.friction * float(np.sin(angle)),
+            (self.yarns != "weft", self.yarns != "warp"),
+            None if self.region is None else self._polygon(),
+            None if self.elastic_slip is None else self.elastic_slip.si,
+            self.closest,
+        )
 
 
 class KindTable(Table):
@@ -84,6 +142,9 @@ class TestTable(KindTable):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
+    slip: SlipTable | None = None
+    """How yarns slide through crossovers, with finite = true; by default they do not.
+    Example: `{ force = "0.05 N" }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
@@ -102,6 +163,8 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.slip is not None and not self.finite:
+            raise ValueError(".slip needs finite = true: friction is not linear")
         return self
 
     @classmethod
@@ -132,6 +195,14 @@ class TestTable(KindTable):
         if self.space:
             with problems.caught():
                 fabric.out_of_plane("test.space = true")
+        if self.slip is not None:
+            for side in ("warp", "weft"):
+                poisson = getattr(fabric, side).poisson
+                if poisson != 0.0:
+                    problems.append(
+                        f"test.slip needs fabric.{side}.poisson = 0, got {poisson:g}: the length "
+                        "of a yarn that slides has no strain in common with those it crosses"
+                    )
         largest, length = max(map(abs, self.values_si)), float(preform.size[1])
         if self.controls[self.control] == "m" and largest > TOO_FAR * length:
             problems.append(

@@ -19,7 +19,8 @@ from .bends import Bends
 from .cruciforms import Cruciforms
 from .item import Item, Placed
 from .loads import DeadLoads
-from .nodes import PlyNodes
+from .nodes import PlyNodes, Slip
+from .slip import Slides, SlidingCruciforms
 from .trimmed import kept
 
 MODES = ("tension", "shear", "bending")  # of the energy of a cloth in its plane
@@ -31,6 +32,8 @@ class Ply(PlyNodes):
     Attributes
     ----------
     cruciforms, bends, loads : items
+    slides : Slides or None
+        Friction of yarns that slide through crossovers.
     further : list of Item
         More that acts on this ply: an imperfection, gravity, a pressure.
     cuts : mapping
@@ -42,9 +45,13 @@ class Ply(PlyNodes):
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        slip: Slip | None = None,
     ):
-        super().__init__(constraints, out_of_plane, flat)
-        self.cruciforms = Cruciforms(self)
+        super().__init__(constraints, out_of_plane, flat, slip)
+        self.cruciforms = Cruciforms(self) if slip is None else SlidingCruciforms(self)
+        self.slides = None
+        if isinstance(self.cruciforms, SlidingCruciforms):
+            self.slides = Slides(self, self.cruciforms)
         self.bends = Bends(self)
         force = np.zeros_like(self.nodes.rest)
         force[self.nodes.of_network_node, :2] = self.network.to_lab(
@@ -65,7 +72,10 @@ class Ply(PlyNodes):
     @property
     def items(self) -> list[Item]:
         """What adds to equilibrium."""
-        return [self.cruciforms, self.bends, self.loads, *self.further]
+        items: list[Item] = [self.cruciforms]
+        if isinstance(self.cruciforms, SlidingCruciforms) and self.slides is not None:
+            items += [self.cruciforms.sliding, self.slides]
+        return [*items, self.bends, self.loads, *self.further]
 
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a crossover, radians. Collective."""
@@ -97,6 +107,8 @@ class Ply(PlyNodes):
             (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
         )
         energy = np.concatenate([c.work(state, ENERGY, rows)[0] for rows in c.chunks()])
+        if isinstance(c, SlidingCruciforms):
+            energy[:, 0] = c.tension_energy(state)
         bent = np.zeros((nodes.num_nodes_local, len(self.bends.modes)))
         for rows in self.bends.chunks():
             values = self.bends.work(state, ENERGY, rows)[0]
@@ -111,7 +123,7 @@ class Ply(PlyNodes):
             wide[c.rows] = values
             return wide
 
-        return {
+        fields = {
             "displacement": self.displacement(state)[0],
             "arm_strain": spread(stretch - 1.0),
             "arm_rotation": spread(rotation),
@@ -125,3 +137,8 @@ class Ply(PlyNodes):
             **{f"{mode}_energy": bent[:, i] for i, mode in enumerate(self.bends.modes)},
             "carrying": self.carrying(state),
         }
+        if self.slides is not None:
+            for name, values in self.slides.fields(state).items():
+                fields[name] = np.zeros((n, *values.shape[1:]), values.dtype)
+                fields[name][self.slides.rows] = values
+        return fields

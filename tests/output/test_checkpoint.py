@@ -111,6 +111,8 @@ FREE = {"kind": "off-axis-tension", "ends": "free", "extension": "1 mm", "increm
 DEAD = {"kind": "cantilever", "load": ["1e-4 N", "3e-4 N"], "increments": 4}
 TWICE = {"kind": "bias-extension", "extension": ["1 mm", "1 mm", "2 mm"], "increments": 3}
 TWICE_BY_LOAD = {"kind": "bias-extension", "load": ["0.1 N", "0.1 N", "0.15 N"]}
+SLIP = {"kind": "bias-extension", "extension": ["2 mm", "3 mm", "2.5 mm"], "increments": 4,
+        "slip": {"force": "0.01 N"}}  # fmt: skip
 KINDS = {
     "bias by load": (LOADS, "45 deg"),
     "a value twice": (TWICE, "45 deg"),
@@ -119,6 +121,7 @@ KINDS = {
     "turning grips": (FRAME, "0 deg"),
     "free ends": (FREE, "30 deg"),
     "dead load": (DEAD, "0 deg"),
+    "yarns that slide": (SLIP, "45 deg"),
 }
 
 
