@@ -2,8 +2,8 @@
 """Woven fabrics as parallel networks of cruciform elements.
 
 - The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
-- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
-  their `solve()` gives a `TestResult`.
+- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`,
+  `PullOut`; their `solve()` gives a `TestResult`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
 - Case files: `Case`; `run_sweep` runs one for many values; `Result.load(folder)` reads what a run
   has left.
@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from .experiments.off_axis import OffAxisTension as OffAxisTension
     from .experiments.pantograph import Pantograph as Pantograph
     from .experiments.picture_frame import PictureFrame as PictureFrame
+    from .experiments.pull_out import PullOut as PullOut
     from .experiments.result import TestResult as TestResult
     from .net.network import Network as Network
     from .output.exports import export as export
@@ -81,6 +82,7 @@ _NAMES = {
     "experiments.cantilever": ("Cantilever",),
     "experiments.off_axis": ("OffAxisTension",),
     "experiments.pantograph": ("Pantograph",),
+    "experiments.pull_out": ("PullOut",),
     "experiments.picture_frame": ("PictureFrame",),
     "experiments.result": ("TestResult",),
     "net.network": ("Network",),

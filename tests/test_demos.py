@@ -31,6 +31,7 @@ FINITE = {
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
+    "pull_out": ("load_n", 0.0146),
     "sin_potential": ("load_n", 11.20169),
 }
 FORMING = {
@@ -63,7 +64,7 @@ def on_one_and_two(demo, tmp_path):
     both = run(demo, 2, tmp_path / "2", *bare)
     assert set(alone) >= KEYS
     assert (alone["ranks"], both["ranks"]) == (1, 2)
-    assert set(alone["energy_j"]) == {"tension", "shear", "bending"}
+    assert set(alone["energy_j"]) - {"slip"} == {"tension", "shear", "bending"}
     force = "force_warp_n" if demo == "biaxial" else "load_n"
     for key in (force, "extension_m", "shear_centre_deg", "shear_max_deg"):
         # LSQR of the separate systems stops at 1e-10 of the normal residual, times its condition.

@@ -58,6 +58,7 @@ class PullOut(Experiment):
 
     table = PullOutTable
     kind = "pull-out"
+    colour = "tension"
     clamps = ("left", "right")
     captions: ClassVar = {
         "load_against_extension.png": "Force on the yarn's end. Friction at all crossings makes "

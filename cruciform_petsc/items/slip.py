@@ -99,46 +99,41 @@ class SlidingArms(Item):
         return result
 
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
-        """See Item.work; ``before`` as of elements.cruciform.cruciforms."""
+        """See Item.work. Nothing is foretold: where friction switches the energy has to fall."""
         nodes, width = self.nodes[rows], self.width[rows]
         hinge, end = state.x[nodes[:, 0]], state.x[nodes[:, 1]]
         d, rest = end - hinge, self.lengths(state, rows)
         size = np.linalg.norm(d, axis=1)
         energy, force, stiffness = room(len(nodes), 2, 4, d.shape[1], level)
-        with np.errstate(all="ignore"):  # lengths that none can have give no finite energy
-            stretch = np.where(rest > 0.0, size / rest, np.inf)
-            w, w1, w2 = self._density(stretch, rows)
-            energy[:, 0] = width * rest * w
-            least, stiff = self._least[rows], width * self._stiffness[rows]
-            lacks = np.maximum(1.0 - rest / least, 0.0)
-            energy[:, 1] = stiff * least * lacks**3 / 3.0
-            if level < FORCE:
-                return energy, force, stiffness
-            t = d / size[:, None]
-            by_rest = width * (w - stretch * w1) - stiff * lacks**2
-            of_rest = self.share[rows][:, :, None] * self.along[rows][:, None, :]  # dR/dx
-            force[:, 0], force[:, 1] = -(width * w1)[:, None] * t, (width * w1)[:, None] * t
-            force[:, 2:] = by_rest[:, None, None] * of_rest
-            if level < STIFFNESS:
-                return energy, force, stiffness
-            if before is not None:  # the tension that was foretold
-                old = before[nodes[:, 1]] - before[nodes[:, 0]]
-                was = np.linalg.norm(old, axis=1)
-                foretold = was + (old * (d - old)).sum(axis=1) / was
-                stretch = np.maximum(foretold / rest, 1e-3)
-                w, w1, w2 = self._density(stretch, rows)
-            second = width * w2 / rest  # by l and l; by l and R and by R and R it is
-            mixed, both = -stretch * second, stretch**2 * second + 2.0 * stiff * lacks / least
-            across = width * w1 / size
-            block = (second - across)[:, None, None] * t[:, :, None] * t[:, None, :]
-            block += across[:, None, None] * np.eye(d.shape[1])
-            coupling = mixed[:, None, None, None] * t[:, :, None, None] * of_rest[:, None]
-            stiffness[:, 0, :, 0], stiffness[:, 1, :, 1] = block, block
-            stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
-            stiffness[:, 0, :, 2:], stiffness[:, 1, :, 2:] = -coupling, coupling
-            turned = coupling.transpose(0, 2, 3, 1)
-            stiffness[:, 2:, :, 0], stiffness[:, 2:, :, 1] = -turned, turned
-            stiffness[:, 2:, :, 2:] = np.einsum("m,mpi,mqj->mpiqj", both, of_rest, of_rest)
+        none = rest <= 0.0  # lengths that no yarn has; Newton's method turns back from them
+        rest = np.where(none, size, rest)
+        stretch = size / rest
+        w, w1, w2 = self._density(stretch, rows)
+        energy[:, 0] = np.where(none, np.inf, width * rest * w)
+        least, stiff = self._least[rows], width * self._stiffness[rows]
+        lacks = np.maximum(1.0 - rest / least, 0.0)
+        energy[:, 1] = stiff * least * lacks**3 / 3.0
+        if level < FORCE:
+            return energy, force, stiffness
+        t = d / size[:, None]
+        by_rest = width * (w - stretch * w1) - stiff * lacks**2
+        of_rest = self.share[rows][:, :, None] * self.along[rows][:, None, :]  # dR/dx
+        force[:, 0], force[:, 1] = -(width * w1)[:, None] * t, (width * w1)[:, None] * t
+        force[:, 2:] = by_rest[:, None, None] * of_rest
+        if level < STIFFNESS:
+            return energy, force, stiffness
+        second = width * w2 / rest  # by l and l; by l and R and by R and R it is
+        mixed, both = -stretch * second, stretch**2 * second + 2.0 * stiff * lacks / least
+        across = width * w1 / size
+        block = (second - across)[:, None, None] * t[:, :, None] * t[:, None, :]
+        block += across[:, None, None] * np.eye(d.shape[1])
+        coupling = mixed[:, None, None, None] * t[:, :, None, None] * of_rest[:, None]
+        stiffness[:, 0, :, 0], stiffness[:, 1, :, 1] = block, block
+        stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
+        stiffness[:, 0, :, 2:], stiffness[:, 1, :, 2:] = -coupling, coupling
+        turned = coupling.transpose(0, 2, 3, 1)
+        stiffness[:, 2:, :, 0], stiffness[:, 2:, :, 1] = -turned, turned
+        stiffness[:, 2:, :, 2:] = np.einsum("m,mpi,mqj->mpiqj", both, of_rest, of_rest)
         return energy, force, stiffness
 
     def tensions(self, state: Placed) -> np.ndarray:

@@ -100,7 +100,8 @@ def figures(
         membrane = membranes[-1].evaluate(result.network.crossover_position)["shear_angle"]
     drawn: Drawn = {"yarns.png": _yarns(result, title)}
     # Of a cloth that does not shear there is nothing to see but its curve.
-    if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
+    moves = experiment.colour == "shear angle" or experiment.slip is not None
+    if len(result.states) > 1 and experiment.finite and moves:
         drawn["stages.png"] = _stages(result, title)
     drawn |= _loads(result, membranes, title, measured)
     if experiment.finite and np.isfinite(result.curve().get("shear_force_N_per_mm", np.nan)).any():
@@ -161,11 +162,16 @@ def _told(title: str, what: str) -> str:
 
 
 def _yarns(result: TestResult, title: str) -> partial[Figure]:
-    values, label = None, pictures.ANGLE_LABEL
-    if result.experiment.colour == "tension":
-        values, label = list(_tensions(result).values()), "tension (N per yarn)"
+    values, label = _colours(result)
     text = _told(title, f"yarns at rest, grey, and at {_at(result)}")
     return partial(pictures.yarns, [_panel("", result, values=values)], text, label=label)
+
+
+def _colours(result: TestResult, state: State | None = None) -> tuple[list | None, str]:
+    """What yarns of a state, the last, are coloured by, as sample_yarns takes it, and its label."""
+    if result.experiment.colour == "tension":
+        return list(_tensions(result, state).values()), "tension (N per yarn)"
+    return None, pictures.ANGLE_LABEL
 
 
 def _stages(result: TestResult, title: str) -> partial[Figure]:
@@ -176,8 +182,9 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
         state = result.states[i]
         name = _at(result, state)
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
-        panels.append(_panel(name + load, result, state))
-    return partial(pictures.yarns, panels, title, before=False)
+        values, label = _colours(result, state)
+        panels.append(_panel(name + load, result, state, values))
+    return partial(pictures.yarns, panels, title, before=False, label=label)
 
 
 # -- curves -------------------------------------------------------------------------------------
@@ -361,9 +368,9 @@ def uniform_text(
     return f"{what}: uniform, {', '.join(told)}."
 
 
-def _tensions(result: TestResult) -> dict[str, np.ndarray]:
-    """Tensions of the yarns at the crossovers, N, by family."""
-    fields, fabric = result.fields, result.network.fabric
+def _tensions(result: TestResult, state: State | None = None) -> dict[str, np.ndarray]:
+    """Tensions of the yarns at the crossovers in a state, the last, N, by family."""
+    fields, fabric = (state or result.states[-1]).fields, result.network.fabric
     return {
         name: np.where(
             fields["carrying"], fields[f"{name}_tension"] / getattr(fabric, name).yarns, np.nan

@@ -446,7 +446,7 @@ def test_bad_override(write, override):
         (
             ["test.kind=pantograph", "test.load=1 N"],
             '[test] has the unknown key "load" (known: kind, bending, finite, space, imperfection, '
-            "increments, extension)",
+            "slip, increments, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
