@@ -116,7 +116,6 @@ declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the m
 declare("shear_side_deg", "shear, side zones (median)", "shear angle of the side zones")
 declare("shear_clamp_deg", "shear, at the clamps (median)", "shear angle at the clamps")
 declare("slip_max_mm", "slip at a crossover, largest", "largest slip at a crossover")
-declare("slip_spent_J", "spent by slip", "energy that slip has taken")
 declare("height_max_mm", "height out of the plane, largest", "largest height out of the plane")
 
 

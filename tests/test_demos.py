@@ -31,7 +31,9 @@ FINITE = {
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
-    "pull_out": ("load_n", 0.0146),
+    "picture_frame_cycle": ("load_n", 9.209219),
+    "prepreg_frame": ("load_n", 10.534952),
+    "pull_out": ("load_n", 0.15852950),
     "sin_potential": ("load_n", 11.20169),
 }
 FORMING = {

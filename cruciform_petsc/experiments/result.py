@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import shapely
 
+from ..drawn import InSpace, Mapped, Plotted, Shown
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
 from ..quantities import LOAD, data_frame
@@ -86,7 +87,7 @@ class CentreLine(NamedTuple):
 
 
 @dataclass
-class TestResult:
+class TestResult(Shown, Plotted, Mapped, InSpace):
     """What a test gives; one value is that of the last state."""
 
     __test__ = False  # not a test for pytest
@@ -192,13 +193,6 @@ class TestResult:
         """In space, largest distance of a crossover from the plane in each state, m. Collective."""
         heights = [abs(state.fields["displacement"][:, 2:]) for state in self.states]
         return np.array([most(self.network.comm, z, 0.0) for z in heights])
-
-    def _slip(self) -> dict[str, np.ndarray]:
-        """Columns of yarns that slide through crossovers, see items.slip. Collective."""
-        comm, fields = self.network.comm, [state.fields for state in self.states]
-        largest = [most(comm, abs(at["slip"]), 0.0) for at in fields]
-        spent = comm.allreduce(np.array([at["slip_spent"].sum() for at in fields]))
-        return {"slip_max_mm": 1e3 * np.array(largest), "slip_spent_J": spent}
 
     # -- shear angles -----------------------------------------------------------------------------
 
@@ -335,7 +329,10 @@ class TestResult:
         if self.experiment.space:
             columns["height_max_mm"] = 1e3 * self.heights_max
         if self.experiment.slip is not None:
-            columns |= self._slip()
+            slips = [abs(state.fields["slip"]) for state in self.states]
+            columns["slip_max_mm"] = 1e3 * np.array(
+                [most(self.network.comm, s, 0.0) for s in slips]
+            )
         columns |= {f"energy_{mode}_J": value for mode, value in self.energies().items()}
         return columns | self.experiment.extra_columns(self)
 

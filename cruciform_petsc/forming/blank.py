@@ -245,11 +245,15 @@ class Blank:
         return found
 
     def spent(self, state: State) -> dict[str, float]:
-        """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
+        """What friction and viscosity have dissipated up to an accepted state, J. Collective.
+
+        On tools, by the blank's own viscosity, and in its shear if that remembers.
+        """
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))
-        return {"friction": float(total[0]), "viscous": float(total[1])}
+        spent = {"friction": float(total[0]), "viscous": float(total[1])}
+        return spent | self.ply.dissipated(self.of_cloth(state))
 
     def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
         """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.

@@ -34,8 +34,10 @@ from .table import (
     FormingTable,
     StageTable,
     below_cloth,
+    check_course,
     check_pressure,
     check_stages,
+    course_of,
 )
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
@@ -109,6 +111,7 @@ class Forming:
         self.clamps = _tables(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
         check_stages(test, tables, self.stages, self.clamps)
+        check_course(fabric, self.stages)
         check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
@@ -137,6 +140,7 @@ class Forming:
         )
         self.settings = settings
         self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+        self.blank.ply.cruciforms.course = course_of(test, self.stages)
 
     def _load(self) -> float:
         """What pushes the blank as a whole at most: its weight, pressures; Pa."""
@@ -365,9 +369,12 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(
+            formed = form(
                 self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
             )
+            return replace(formed, of=self)
         except EquilibriumError as error:
+            if error.result is not None:
+                error.result.of = self
             explain(self.blank, self.stages, error, keeper is not None)
             raise

@@ -229,6 +229,12 @@ def yarn_directions(blank: Blank, state: State) -> tuple[np.ndarray, np.ndarray]
     return wide[0], wide[1]
 
 
+def across(warp: np.ndarray, weft: np.ndarray) -> np.ndarray:
+    """Unit vectors across yarns (n, 3), along warp times weft; NaN where there are none."""
+    normal = np.cross(warp, weft)
+    return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+
 def length(value: float) -> str:
     """Write a length [m] for people: four digits of it, down to nanometres."""
     return format_si(float(f"{round(value, 9):.4g}") + 0.0, "m")

@@ -82,6 +82,22 @@ class Ply(PlyNodes):
         angles = abs(self.cruciforms.shear_angles(self.cruciforms.arms(state)[1]))
         return most(self.comm, angles[self.carrying(state)[self.cruciforms.rows]], 0.0)
 
+    def dissipated(self, state: Placed) -> dict[str, float]:
+        """What shear and yarns that slide have dissipated up to an accepted state, J.
+
+        By its name, "in_shear", "in_slip"; of an elastic cloth none. Collective.
+        """
+        items: dict[str, Item] = {}
+        if self.network.fabric.remembers:
+            items["in_shear"] = self.cruciforms
+        if self.slides is not None:
+            items["in_slip"] = self.slides
+        spent = {how: state.memory.get(item.name, {}).get("spent") for how, item in items.items()}
+        return {
+            how: self.comm.allreduce(0.0 if of_items is None else float(of_items.sum()))
+            for how, of_items in spent.items()
+        }
+
     def carrying(self, state: Placed) -> np.ndarray:
         """Which of this rank's crossovers carry load, bool (n_owned,)."""
         stays = kept(self.network.crossover_position, self.cuts, state.factors)
@@ -101,11 +117,7 @@ class Ply(PlyNodes):
             t0[:, 0] * t[..., 1] - t0[:, 1] * t[..., 0], np.einsum("mki,ki->mk", t, t0)
         )
         warp, weft = c.mean(stretch - 1.0, 0), c.mean(stretch - 1.0, 1)
-        e, e1, _ = fabric.effective_strain(1.0 + np.stack([warp, weft]))
-        tension = (
-            (fabric.warp_tension.evaluate(e[0])[1] + fabric.c12 * e[1]) * e1[0],
-            (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
-        )
+        tension = fabric.tension(1.0 + np.stack([warp, weft], axis=-1))[1]
         energy = np.concatenate([c.work(state, ENERGY, rows)[0] for rows in c.chunks()])
         if isinstance(c, SlidingCruciforms):
             energy[:, 0] = c.tension_energy(state)
@@ -129,8 +141,8 @@ class Ply(PlyNodes):
             "arm_rotation": spread(rotation),
             "warp_strain": spread(warp),
             "weft_strain": spread(weft),
-            "warp_tension": spread(tension[0]),
-            "weft_tension": spread(tension[1]),
+            "warp_tension": spread(tension[:, 0]),
+            "weft_tension": spread(tension[:, 1]),
             "shear_angle": spread(c.shear_angles(t)),
             "tension_energy": spread(energy[:, 0]),
             "shear_energy": spread(energy[:, 1]),

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
@@ -194,6 +193,7 @@ class Slides(Item):
 
     name = "slip"
     modes = ("slip",)
+    lags = True
 
     def __init__(self, ply: PlyNodes, cruciforms: SlidingCruciforms):
         assert ply.slip is not None
@@ -296,18 +296,15 @@ class Slides(Item):
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
         """How far warp and weft have slid (m, 2) [m], energies stored and spent by then (m,) [J].
 
-        And whether their ends have slid through, (m, 2).
+        And whether their ends have slid through, (m, 2). Of an accepted state.
         """
-        # What friction has taken in this step is not stored any more.
-        memory = self.accepted(state)
-        kept = replace(cast(Any, state), memory={self.name: memory})
-        energy = np.concatenate([self.work(kept, ENERGY, r)[0][:, 0] for r in self.chunks()])
+        energy = np.concatenate([self.work(state, ENERGY, r)[0][:, 0] for r in self.chunks()])
         arms = [self._arms.work(state, ENERGY, r)[0][:, 1] for r in self._arms.chunks()]
         crowded = np.bincount(self._arms.row, np.concatenate(arms), len(self._cruciforms.rows))
         return {
             "slip": self.slid(state),
             "slip_energy": energy + crowded[self.at],
-            "slip_spent": memory["spent"],
+            "slip_spent": self._memory(state)["spent"],
             "slid_out": np.any(self._behind(state) < 0.0, axis=2),
         }
 

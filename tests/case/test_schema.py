@@ -231,7 +231,7 @@ def test_laws_beside_a_fabric_of_the_library(write):
     law = 'fabric.shear={law="table", angle="deg", force="N/mm", points=[[0, 0], [10, 0.01]]}'
     case = Case.load(write(SPECIMEN), [law, 'fabric.tension={strain="log", compression=0.01}'])
     fabric = case.fabric()
-    assert fabric.name == "e-glass-plain-2.4, shear and tension replaced"
+    assert fabric.name == "e-glass-plain-2.4, tension and shear replaced"
     assert fabric.warp.poisson == 0.45
     assert fabric.shear.evaluate(math.radians(10))[1] == pytest.approx(10.0)
     assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (True, 0.01, 1e-4)
@@ -446,7 +446,7 @@ def test_bad_override(write, override):
         (
             ["test.kind=pantograph", "test.load=1 N"],
             '[test] has the unknown key "load" (known: kind, bending, finite, space, imperfection, '
-            "slip, increments, extension)",
+            "slip, increments, speed, temperature, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (

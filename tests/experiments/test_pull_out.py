@@ -71,7 +71,7 @@ def test_large_friction_is_the_elastic_cloth():
         size = abs(values).max()
         np.testing.assert_allclose(stuck.fields[name], values, rtol=0, atol=1e-6 * size)
     assert abs(stuck.fields["slip"]).max() < 1e-12
-    assert stuck.curve()["slip_spent_J"].max() == 0.0
+    assert stuck.curve()["dissipated_in_slip_J"].max() == 0.0
 
 
 def test_no_region_or_no_yarns_to_slide():
@@ -107,7 +107,7 @@ def test_work_is_energy_and_what_friction_takes():
         np.concatenate([[0.0], v]) for v in (curve["load_N"], 1e-3 * curve["extension_mm"])
     )
     work = np.cumsum(0.5 * (load[1:] + load[:-1]) * np.diff(way))
-    spent = curve["slip_spent_J"]
+    spent = curve["dissipated_in_slip_J"]
     assert spent[-1] > 0.5 * work.max()
     assert (np.diff(spent, prepend=0.0) >= 0.0).all()
     stored = sum(curve[f"energy_{mode}_J"] for mode in result.experiment.modes)

@@ -134,6 +134,40 @@ def test_turned_and_moved_as_a_whole():
     np.testing.assert_allclose(other, one, rtol=1e-10)
 
 
+def test_how_far_yarns_slide_over_each_other():
+    """The way of the warp's place at a crossing from the weft's, each along its own yarn."""
+    cloth = Sliding(Slip(0.05, elastic=1e-3 * PITCH))
+    friction = cloth.ply.slides
+    gradient = np.array([[1.1, 0.25], [0.1, 0.9]])
+    state = cloth.start.moved(cloth.rest @ (gradient - np.eye(2)).T)
+    moved = state.x.copy()
+    slide = np.array([0.3, 0.2]) * PITCH  # along warp and weft
+    axes = cloth.ply.arm_directions[:2]
+    moved[cloth.ply.nodes.of_slide] = cloth.rest[cloth.ply.nodes.of_slide] + slide @ axes
+    state = replace(state, x=moved)
+    memory = friction.lagged(state)[0]
+    inside = friction.rows[~np.isin(friction.rows, cloth.ply.network.boundary_crossovers)]
+    yarns = axes @ gradient.T
+    yarns /= np.linalg.norm(yarns, axis=1, keepdims=True)
+    way = np.linalg.norm(slide[0] * yarns[0] - slide[1] * yarns[1])
+    energy = friction.work(replace(state, memory={"slip": memory}), ENERGY)[0][:, 0]
+    # All slid: F (d - d_0/3), see docs/slip.md.
+    expected = memory["limit"] * (way - friction.elastic / 3.0)
+    at = np.isin(friction.rows, inside)
+    assert at.any()
+    np.testing.assert_allclose(energy[at], expected[at], rtol=1e-9)
+
+
+def test_what_clamps_hold_does_not_slide():
+    """Neither a yarn that ends on the clamp, nor the crossing one that lies in it."""
+    preform = Preform.rectangle(4 * PITCH, 4 * PITCH, "0 deg")  # crossovers on its edges
+    ply = Sliding(Slip(0.05), preform).ply
+    held = ply.fixed[ply.nodes.of_slide] | ~ply.active[ply.nodes.of_slide][:, None]
+    lowest = ply.network.crossover_position[:, 1] < 0.5 * PITCH
+    assert held[lowest].all()
+    assert not held[~lowest & ply.supports.carrying].any()
+
+
 class Rail:
     """A warp yarn through crossings that do not move: hinges and arm ends are held.
 
