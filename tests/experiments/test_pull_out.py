@@ -10,6 +10,7 @@ from cruciform_petsc.cloth.preform import Preform
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.bias_extension import BiasExtension
 from cruciform_petsc.experiments.pull_out import PullOut
+from cruciform_petsc.experiments.table import SlipTable
 from cruciform_petsc.net.network import Network
 
 CLOTH = Fabric.from_library("glass-pp-plain-1.93")
@@ -117,6 +118,16 @@ def test_work_is_energy_and_what_friction_takes():
 
 
 SLIP = {"force": "0.05 N"}
+
+
+def test_what_a_table_makes():
+    table = SlipTable.from_data(
+        SLIP | {"friction": 0.4, "crimp_angle": "30 deg", "yarns": "weft", "elastic_slip": "2 um"}
+    )
+    slip = table.build()
+    assert (slip.force, slip.coefficient) == pytest.approx((0.05, 0.2))
+    assert (slip.families, slip.region, slip.closest) == ((False, True), None, 0.2)
+    assert slip.elastic == pytest.approx(2e-6)
 
 
 @pytest.mark.parametrize(

@@ -29,9 +29,11 @@ E = CLOTH.c11
 class Sliding:
     """A ply whose lower edge is clamped, and states of it."""
 
-    def __init__(self, slip, preform=BIAS, out_of_plane=None, fabric=CLOTH):
+    def __init__(self, slip, preform=BIAS, out_of_plane=None, fabric=CLOTH, guided=False):
         constraints = Constraints(Network(MPI.COMM_SELF, preform, fabric), True)
         constraints.clamp("lower")
+        if guided:
+            constraints.guide("upper", (0.0, 1.0), 0.0)
         self.ply = Ply(constraints, out_of_plane, False, slip)
         self.model, self.rest = model_of(self.ply), self.ply.nodes.rest
         self.start = State(self.rest, holder(self.ply)([]))
@@ -158,14 +160,41 @@ def test_how_far_yarns_slide_over_each_other():
     np.testing.assert_allclose(energy[at], expected[at], rtol=1e-9)
 
 
-def test_what_clamps_hold_does_not_slide():
-    """Neither a yarn that ends on the clamp, nor the crossing one that lies in it."""
+def test_what_edges_hold_does_not_slide():
+    """Neither a yarn that ends on a clamp, nor the crossing one that lies in it."""
     preform = Preform.rectangle(4 * PITCH, 4 * PITCH, "0 deg")  # crossovers on its edges
     ply = Sliding(Slip(0.05), preform).ply
     held = ply.fixed[ply.nodes.of_slide] | ~ply.active[ply.nodes.of_slide][:, None]
     lowest = ply.network.crossover_position[:, 1] < 0.5 * PITCH
     assert held[lowest].all()
     assert not held[~lowest & ply.supports.carrying].any()
+    # Where an edge is guided both yarns of a bias specimen end, and go along with it.
+    ply = Sliding(Slip(0.05), guided=True).ply
+    held = ply.fixed[ply.nodes.of_slide]
+    top = ply.network.crossover_position[:, 1] > 5 * DIAGONAL - 0.1 * PITCH
+    assert top.sum() == 4
+    assert held[top].all()
+
+
+def test_pull_out_force_of_a_crossover():
+    """Of 2 x 2 yarns a cruciform and another count each way: per area, and by tension per yarn."""
+    warp, weft = (replace(CLOTH.warp, yarns=y, modulus=e) for y, e in ((150.0, 3e5), (240.0, 5e5)))
+    fabric = replace(CLOTH, warp=warp, weft=weft)
+    preform = Preform.rectangle("60 mm", "60 mm", "0 deg", yarns_per_cruciform=2)
+    cloth = Sliding(Slip(0.05, 0.2), preform, fabric=fabric)
+    friction = cloth.ply.slides
+    rest = friction.limits(cloth.start)
+    stretched = cloth.start.moved(cloth.rest * [2e-3, 3e-3])  # weft along x, warp along y
+    slides = cloth.ply.nodes.of_slide
+    x = stretched.x.copy()
+    x[slides] = cloth.rest[slides]
+    inside = ~np.isin(friction.rows, cloth.ply.network.boundary_crossovers)
+    assert inside.any()
+    tension = 0.5 * (3e5 * 3e-3 / 150 + 5e5 * 2e-3 / 240)  # per yarn, their mean
+    crossings = 4.0  # 2 x 2 yarns
+    np.testing.assert_allclose(rest[inside], crossings * 0.05, rtol=1e-9)
+    found = friction.limits(replace(stretched, x=x))[inside]
+    np.testing.assert_allclose(found, crossings * (0.05 + 0.2 * tension), rtol=1e-6)
 
 
 class Rail:
