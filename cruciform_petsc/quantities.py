@@ -20,6 +20,7 @@ from .units import format_si
 UNITS = {
     "_N_per_cm": ("N/cm", 1e2),
     "_N_per_mm": ("N/mm", 1e3),
+    "_Pa_per_mm": ("Pa/mm", 1e3),
     "_mm": ("mm", 1e-3),
     "_deg": ("°", pi / 180.0),
     "_percent": ("%", 0.01),

@@ -38,7 +38,7 @@ from .output.exports import export, export_formed
 from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
-from .output.progress import Progress
+from .output.progress import Progress, sign_of_life
 from .output.provenance import file_notes, notes_on
 from .output.report import write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
@@ -223,7 +223,7 @@ class _Run:
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
-                with progress.bar():
+                with progress.bar(), sign_of_life(self.log):
                     return experiment.solve(progress, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
@@ -283,6 +283,8 @@ class _Run:
             paraview.write_state(directory / "network.vtkhdf", result, notes)
             if max(len(result.states), len(result.increments)) > 1:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
+            if result.buckling is not None and result.buckling.modes:
+                paraview.write_modes(directory / "mode.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)
         if self.measured is not None:
@@ -505,7 +507,8 @@ class _FormingRun(_Run):
         """Form; what ends it early is kept in ``failure``, with what was reached."""
         with self.stages.stage("solve", "formed"):
             try:
-                return forming.solve(record, self.checkpoint)
+                with sign_of_life(self.log):
+                    return forming.solve(record, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)

@@ -20,8 +20,8 @@ from pydantic.fields import FieldInfo
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
 from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
-from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
-from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
+from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
+from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import table as forming
 from cruciform_petsc.tools import tool
@@ -93,9 +93,15 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),
-    ("`[test]`, every kind but forming", TestTable),
+    ("`[test]`, every kind but forming, drape, inflation", TestTable),
     ("`test.imperfection`", ImperfectionTable),
+    ("`test.stability`", StabilityTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
+    *(
+        (f'`[test]`, `kind = "{kind}"`', kind_class(kind).table)
+        for kind in KINDS
+        if forms(kind) and kind != "forming"
+    ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
     ("`[[tool]]`", tool.ToolTable),

@@ -22,11 +22,12 @@ from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import every_table, kind_class, pick_table
+from ..experiments.registry import every_table, forms, kind_class, pick_table
 from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.kind import Forming
 from ..forming.table import (
+    ArrangedTable,
     ClampTable,
     FormingTable,
     StageTable,
@@ -86,7 +87,8 @@ class OutputTable(Table):
     """[output]: where results go, and which."""
 
     directory: Name = "results"
-    """Folder of the results, made if it is not there."""
+    """Folder of the results, made if it is not there. Where a case file NAME.toml tells none it is
+    results/NAME."""
     pictures: bool = True
     """Figures of the result."""
     scene: bool = False
@@ -157,9 +159,21 @@ class Case(Table):
     def _ladder_asks_for_small(cls, data: Any) -> Any:
         match data:
             case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
-                if not others.get("second_gradient") and test.get("kind") != "forming":
+                if not others.get("second_gradient") and not forms(test.get("kind")):
                     return data | {"test": small_unless_told(test)}
         return data
+
+    @model_validator(mode="after")
+    def _arranged(self) -> Case:
+        """Tools, clamps and stages of a kind that has its own."""
+        if not isinstance(self.test, ArrangedTable):
+            return self
+        for key, told in (("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)):
+            if told:
+                raise ValueError(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
+        tools, clamps, stages = self.test.arranged()
+        vars(self).update(tools=tools, clamps=clamps, stages=stages)
+        return self
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -184,6 +198,9 @@ class Case(Table):
         for table, key in paths:
             if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
                 table[key] = str((Path(path).parent / table[key]).absolute())
+        # Two cases beside each other shall not replace each other's results.
+        if isinstance(data.setdefault("output", {}), dict):
+            data["output"].setdefault("directory", f"results/{Path(path).stem}")
         for override in overrides:
             _apply(data, override)
         problems = Problems()
@@ -234,6 +251,8 @@ class Case(Table):
     def forming(self, network: Network) -> Forming:
         """Make the forming of the case's network, with its tools and stages. Collective."""
         given = {key: value for key, value in self.test if key != "kind"}
+        if isinstance(self.test, ArrangedTable):
+            return kind_class(self.test.kind)(network, **given, options=self.solver.options)
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
@@ -247,7 +266,8 @@ class Case(Table):
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data as JSON can hold it."""
         dump = super().model_dump(**{"mode": "json"} | options)
-        return {key: value for key, value in dump.items() if value != []}  # tools and stages
+        own = ("tool", "clamp", "stage") if isinstance(self.test, ArrangedTable) else ()
+        return {key: value for key, value in dump.items() if value != [] and key not in own}
 
     @classmethod
     def paths(cls) -> list[str]:

@@ -27,7 +27,7 @@ from ..units import format_si
 from .finite import Keeper, solve_finite
 from .limits import SMALL_DEG, beyond_small, remarks
 from .result import State, TestResult
-from .table import TestTable
+from .table import TestTable, prestretch
 
 # A picture's name, the labels of its axes (LOAD.axis for newtons), and its lines by label.
 DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
@@ -70,6 +70,8 @@ class Experiment:
         Values asked for, SI; loads if ``by_load``.
     size, middle : float (2,)
         Of the outline's bounding box, m.
+    prestretch : (float, float)
+        Of warp and weft as the cloth is drawn.
     remarks : list of str
         What of preform, fabric and test is hardly meant; each is also an InputWarning, on rank 0.
     """
@@ -129,6 +131,8 @@ class Experiment:
         self.size, self.middle = network.preform.size, network.preform.middle
         self.space, self.imperfection = test.space, test.imperfection
         self.slip = None if test.slip is None else test.slip.build()
+        self.stability, self.model = test.stability, test.model
+        self.prestretch = prestretch(getattr(test, "pretension", None), network.fabric)
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():
             if key not in test.controls:

@@ -20,9 +20,11 @@ from ..errors import CruciformError, EquilibriumError
 from ..items.cruciforms import Course
 from ..items.loads import imperfection
 from ..items.ply import Ply
+from ..items.truss import TrussPly
 from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
+from .stability import Watch
 
 EASY = 20  # Newton steps, of all rounds of friction together
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
@@ -66,7 +68,12 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat, experiment.slip)
+        drawn = experiment.flat, experiment.prestretch
+        self.ply: Ply
+        if experiment.model == "truss":
+            self.ply = TrussPly(constraints, out_of_plane, *drawn)
+        else:
+            self.ply = Ply(constraints, out_of_plane, *drawn, experiment.slip)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.ply.cruciforms.course = Course(self.seconds, self.temperature)
@@ -200,14 +207,15 @@ def solve_finite(
     last: list[result.State] = []  # whether asked for or not
     dim, nodes = test.model.dim, test.ply.nodes
 
-    def state_after(number: int) -> result.State:
-        state = (
-            kept[number]
-            if keeper is None
-            else keeper.state(test.model, number, done[number].control, test.at)
-        )
-        return test.measured_anew(state)
+    def placed(number: int) -> State:
+        if keeper is None:
+            return kept[number]
+        return keeper.state(test.model, number, done[number].control, test.at)
 
+    def state_after(number: int) -> result.State:
+        return test.measured_anew(placed(number))
+
+    watch = None
     found = result.TestResult(
         experiment,
         test.ply.supports,
@@ -226,6 +234,7 @@ def solve_finite(
         state = test.result_state(path.state, Measured(step.increment.load, step.forces))
         spent = test.ply.dissipated(path.state)
         columns = found.row(state) | {f"dissipated_{how}_J": spent[how] for how in spent}
+        columns |= watch.columns(step.state) if watch else {}
         increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)
         last[:] = [state]
@@ -239,6 +248,11 @@ def solve_finite(
             accepted(increment)
 
     try:
+        stage = test.stage()
+        if experiment.stability is not None:
+            watch = Watch(test, equilibrium, start)
+            watch.foretell()
+            stage = watch.stage(stage)
         if keeper is not None:
             earlier = keeper.restore(test.model, test.at)
             if earlier is None:
@@ -249,10 +263,14 @@ def solve_finite(
                     done.append(increment)
                     if increment.asked:
                         states.append(test.measured_anew(state))
-        follow(equilibrium, test.stage(), path, take)
+        follow(equilibrium, stage, path, take)
+        if watch is not None:
+            found.buckling = watch.finish(done, placed)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
+        if watch is not None:
+            watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)
             if last and (not states or states[-1] is not last[0]):
@@ -260,4 +278,6 @@ def solve_finite(
             error.result = found if states else None
         raise
     equilibrium.destroy()
+    if watch is not None:
+        watch.destroy()
     return found

@@ -24,8 +24,16 @@ KINDS: dict[str, str | type] = {
     "pantograph": "pantograph.Pantograph",
     "pull-out": "pull_out.PullOut",
     "forming": ".forming.kind.Forming",
+    "drape": ".forming.drape.Drape",
+    "inflation": ".forming.inflation.Inflation",
 }
 DEFAULT = "bias-extension"
+
+
+def forms(kind: object) -> bool:
+    """Whether a kind of test is a forming: one in space, in stages, from tools or loads."""
+    entry = KINDS.get(kind) if isinstance(kind, str) else None
+    return isinstance(entry, str) and entry.startswith(".forming.")
 
 
 def kind_class(kind: str) -> Any:

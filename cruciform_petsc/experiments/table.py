@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import shapely
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
@@ -21,7 +21,33 @@ TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
 MOST_INCREMENTS = 100_000
 
+PRETENSION = Of(
+    "N/m", many=True, good=lambda n: n >= 0.0, wanted="zero or positive", example="10 N/cm"
+)
+
+
+def _of_both(told: Quantities) -> Quantities:
+    if isinstance(told, list) and len(told) != 2:
+        raise ValueError(f"must be one tension, or a list of 2 for warp and weft, got {len(told)}")
+    return told
+
+
+Pretension = Annotated[Quantities, PRETENSION, AfterValidator(_of_both)]
+
+
+def prestretch(pretension: Quantities | None, fabric: Fabric) -> tuple[float, float]:
+    """Stretches of warp and weft under a pretension of both, or of each; (1, 1) without."""
+    if pretension is None:
+        return 1.0, 1.0
+    warp, weft = (si_values(pretension) * 2)[:2]
+    try:
+        return fabric.prestretch(warp, weft)
+    except InputError as error:
+        raise InputError(f"test.pretension: {error}") from None
+
+
 Lengths = Annotated[Quantities, Of("m", many=True, example="10 mm")]
+Way = Annotated[Quantity, Of("m", good=lambda way: way != 0.0, wanted="other than 0")]
 Forces = Annotated[Quantities, Of("N", many=True, example="0.5 N")]
 
 
@@ -90,6 +116,19 @@ class SlipTable(Table):
         )
 
 
+class StabilityTable(Table):
+    """[test] stability: critical loads and modes (docs/stability.md), with finite = true."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are told."""
+    branch: bool = True
+    """Go on along the branch that leaves where the cloth becomes unstable; false: along the
+    unstable state."""
+    step: Way | None = None
+    """How far along its mode the cloth is moved there, negative: to the other side. The default is
+    a tenth of the fabric's thickness, or a thousandth of the longer side. Example: `"0.05 mm"`"""
+
+
 class KindTable(Table):
     """[test] of any kind: of an experiment on flat cloth, or of forming."""
 
@@ -104,7 +143,21 @@ class KindTable(Table):
     kind: str
     """Which experiment."""
     bending: bool = True
-    """Yarns bend in the plane; false: they are hinged."""
+    """Yarns bend in the plane; false: they are hinged, as always with model = "truss"."""
+    model: Literal["coupled", "truss"] = "coupled"
+    """Cruciforms; or a truss of pin-jointed bars along the yarns with soft diagonals, at finite
+    deformation (docs/models.md)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _truss_is_hinged(cls, data: Any) -> Any:
+        return data | {"bending": False} if data.get("model") == "truss" else data
+
+    @model_validator(mode="after")
+    def _truss(self) -> KindTable:
+        if self.model == "truss" and not getattr(self, "finite", True):
+            raise ValueError('has model = "truss", which is for finite deformation only')
+        return self
 
     def placed(self, preform: Preform) -> Preform:
         """The preform where the test has it: as it is drawn."""
@@ -122,6 +175,11 @@ class KindTable(Table):
                     f"test.bending is true but fabric.{side}.yarn_bending is zero, "
                     "give it a value or set test.bending = false"
                 )
+        if self.model == "truss" and (fabric.remembers or fabric.biaxial_law is not None):
+            problems.append(
+                'test.model = "truss" has bars, which know neither viscosity and friction of shear '
+                "nor tensions of both families together: leave those out of the fabric"
+            )
         problems.tell()
 
 
@@ -146,6 +204,9 @@ class TestTable(KindTable):
     slip: SlipTable | None = None
     """How yarns slide through crossovers, with finite = true; by default they do not.
     Example: `{ force = "0.05 N" }`"""
+    stability: StabilityTable | None = None
+    """Where the cloth becomes unstable, what shape it takes there and beyond, with finite = true.
+    Example: `{ modes = 2 }`"""
     increments: Annotated[Count, Field(le=MOST_INCREMENTS)] | None = None
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
@@ -172,6 +233,23 @@ class TestTable(KindTable):
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
         if self.slip is not None and not self.finite:
             raise ValueError(".slip needs finite = true: friction is not linear")
+        if self.slip is not None and self.model == "truss":
+            raise ValueError('.slip is of crossovers with arms, which model = "truss" has not')
+        if self.slip is not None and self.stability is not None:
+            raise ValueError(
+                ".slip and .stability do not go together: what rubs has no lowest mode"
+            )
+        if self.imperfection is not None and self.model == "truss":
+            raise ValueError(".imperfection is what yarns are bent by, and those of a truss do not")
+        if self.stability is not None and not self.finite:
+            raise ValueError(
+                ".stability needs finite = true: small displacements are always stable"
+            )
+        if self.stability is not None and self.control != next(iter(self.controls)):
+            raise ValueError(
+                f".stability follows the {next(iter(self.controls))}, give that in place of "
+                f"{self.control}"
+            )
         return self
 
     @classmethod
@@ -227,6 +305,29 @@ class TestTable(KindTable):
                 f"test.{self.control} = {format_si(largest, 'm')} is {largest / length:.3g} times "
                 f"the specimen's length of {format_si(length, 'm')}, which unit is meant?"
             )
+        problems.tell()
+
+
+class TensionedTable(TestTable):
+    """Kinds whose cloth may be under tension along both yarns before the test."""
+
+    pretension: Pretension | None = None
+    """Tension per width along both yarns before the test, which the cloth is drawn with, with
+    finite = true: of both, or of warp and weft. Example: `"10 N/cm"`"""
+
+    @model_validator(mode="after")
+    def _tensioned(self) -> TensionedTable:
+        if self.pretension is not None and not self.finite:
+            raise ValueError(".pretension needs finite = true: small displacements start at rest")
+        return self
+
+    def check(self, preform: Preform, fabric: Fabric) -> None:
+        """See KindTable.check."""
+        problems = Problems()
+        with problems.caught():
+            super().check(preform, fabric)
+        with problems.caught():
+            prestretch(self.pretension, fabric)
         problems.tell()
 
 

@@ -22,6 +22,7 @@ from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
 from ..items.trimmed import Trimmed
+from ..items.truss import TrussPly
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -33,7 +34,9 @@ REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
-_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
+_POINTS = {
+    "cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3), "twist": slice(0, 2),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,8 @@ class Blank:
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
     cuts : mapping, optional
         What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
+    prestretch : pair of float
+        See PlyNodes.
 
     Attributes
     ----------
@@ -118,6 +123,8 @@ class Blank:
     model : Model
     """
 
+    _ply: type[Ply] = Ply
+
     def __init__(
         self,
         network: Network,
@@ -131,6 +138,7 @@ class Blank:
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
         cuts: Mapping[str, shapely.Polygon] | None = None,
+        prestretch: tuple[float, float] = (1.0, 1.0),
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -140,6 +148,7 @@ class Blank:
             fabric, length_of(network, self.symmetry)
         )
         self.factors = factors or {}
+        self.prestretch = prestretch
         self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
@@ -148,7 +157,7 @@ class Blank:
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
-        self._held = holder(ply)([])  # where edges hold the cloth, at rest
+        self.cloth_hold = holder(ply)([])  # where edges hold the cloth, at rest
         place = np.array([tool.start.place for tool in tools]).reshape(-1, 3)
         tool_nodes = ToolNodes(self.comm, place)
         self.nodes = JoinedNodes([ply.nodes, tool_nodes])
@@ -193,7 +202,8 @@ class Blank:
         constraints = Constraints(self.network, bending, floats=True)
         for edge in sorted(self.symmetry):
             constraints.symmetry(edge)
-        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+        out = self.network.fabric.out_of_plane("forming")
+        return self._ply(constraints, out, flat=False, prestretch=self.prestretch)
 
     @property
     def pitch(self) -> float:
@@ -207,7 +217,7 @@ class Blank:
         rotations: Mapping[str, np.ndarray],
     ) -> Hold:
         """Tools held at places (n, 3), but for axes that are free (n, 3), and turned."""
-        cloth = self._held
+        cloth = self.cloth_hold
         nodes = np.concatenate([self.cloth_at[cloth.nodes], self.tool_node])
         fixed = np.concatenate([cloth.fixed, ~free])
         place = np.concatenate([cloth.place, place])
@@ -264,6 +274,12 @@ class Blank:
         far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
         spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
         return far, spent
+
+
+class TrussBlank(Blank):
+    """A blank whose cloth is a truss, see items.truss. Collective."""
+
+    _ply = TrussPly
 
 
 def push_name(tool: str, axis: int) -> str:

@@ -15,6 +15,7 @@ from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
 from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
+from ..experiments.table import prestretch
 from ..fields import Table
 from ..items.clamps import preload_name
 from ..items.item import Item
@@ -24,12 +25,13 @@ from ..net.network import Network
 from ..parallel import least
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
-from .blank import Blank, ContactSettings, length_of
+from .blank import Blank, ContactSettings, TrussBlank, length_of
 from .failures import explain
 from .forming import Formed, FormingStep, form
 from .measures import length
 from .table import (
     PRESSURES,
+    ArrangedTable,
     ClampTable,
     FormingTable,
     StageTable,
@@ -45,6 +47,7 @@ COARSE = 1.25  # arms over a radius: beyond, the net cuts the corner
 FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
+BESIDE = 0.6  # of the smaller of both: how much of tool and blank lies over each other as a rule
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
 
 
@@ -91,6 +94,8 @@ class Forming:
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
+    # Items whose factors grow over the first stage, besides preloads.
+    growing: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -104,7 +109,7 @@ class Forming:
         **keys: Any,
     ):
         self.network, self.options, fabric = network, options or {}, network.fabric
-        test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
         tables = _tables(ToolTable, "tool", tools)
         self.stages = _tables(StageTable, "stage", stages)
@@ -118,7 +123,7 @@ class Forming:
         self.tools = [self._make(table, folder) for table in tables]
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
-        grown = dict.fromkeys(self._preloads(), 1.0)
+        grown = dict.fromkeys(self._growing(), 1.0)
         self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
@@ -139,7 +144,9 @@ class Forming:
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
-        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+        truss = test.model == "truss"  # whose yarns bend by no waves
+        waves = (height, wave.seed) if height and not truss else None
+        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves)
         self.blank.ply.cruciforms.course = course_of(test, self.stages)
 
     def _load(self) -> float:
@@ -162,7 +169,8 @@ class Forming:
             symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
-            factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
+            prestretch=prestretch(getattr(self.test, "pretension", None), self.network.fabric),
+            factors=dict.fromkeys((*PRESSURES, *self._growing()), 0.0),
             **further,
         )
 
@@ -183,9 +191,12 @@ class Forming:
 
     # -- clamps and pressures -------------------------------------------------------------------
 
-    def _preloads(self) -> list[str]:
+    def _growing(self) -> list[str]:
         """Names of the factors that grow over the first stage."""
-        return [preload_name(clamp.edge) for clamp in self.clamps if clamp.preload is not None]
+        preloads = [
+            preload_name(clamp.edge) for clamp in self.clamps if clamp.preload or clamp.lift
+        ]
+        return [*preloads, *self.growing]
 
     def _pressures(self) -> list[Callable[[Ply], Item]]:
         """What makes the pressures that stages name; their factors are in Pa, downwards."""
@@ -255,6 +266,8 @@ class Forming:
                 f'tool "{tool.name}" is {self._size_text(box)}, the blank '
                 f"{self._size_text(blank)}: is the unit of its file right?"
             )
+        else:
+            remarks += self._beside(tool)
         if driven:
             points, triangles = tool.surface.facets()
             towards, away = self._flats(tool.start.to_lab(points), triangles)
@@ -266,6 +279,22 @@ class Forming:
                     'one: is it upside down? turn = ["180 deg", "0 deg", "0 deg"] turns it over'
                 )
         return remarks
+
+    def _beside(self, tool: Tool) -> list[str]:
+        """A remark on a tool that lies beside the blank in plan, by its bounding box."""
+        blank, points = self._box(), tool.start.to_lab(tool.surface.facets()[0])[:, :2]
+        box = np.array([points.min(axis=0), points.max(axis=0)])
+        both = np.minimum(box[1], blank[1]) - np.maximum(box[0], blank[0])
+        smaller = min(float(np.prod(np.ptp(each, axis=0))) for each in (box, blank))
+        if np.prod(np.maximum(both, 0.0)) >= BESIDE * smaller or self.test.symmetry:
+            return []
+        x, y = map(length, tool.start.place[:2] - box.mean(axis=0) + blank.mean(axis=0))
+        spans = [" to ".join(map(length, ends)) for ends in box.T]
+        return [
+            f'tool "{tool.name}" lies at x = {spans[0]}, y = {spans[1]}, mostly beside the blank, '
+            "whose centre is x = y = 0: a file keeps its own origin; "
+            f'place = ["{x}", "{y}"] puts its middle there'
+        ]
 
     @staticmethod
     def _flats(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:
@@ -342,6 +371,10 @@ class Forming:
                     )
         return remarks
 
+    def figures(self, formed: Formed) -> dict[str, Any]:
+        """What only this kind tells of a forming, by keys of the summary. Collective."""
+        return {}
+
     # -- what runs call ---------------------------------------------------------------------------
 
     def check(self) -> list[str]:
@@ -378,3 +411,27 @@ class Forming:
                 error.result.of = self
             explain(self.blank, self.stages, error, keeper is not None)
             raise
+
+
+class Arranged(Forming):
+    """A forming whose tools, clamps and stages follow from its own keys. Collective.
+
+    Parameters
+    ----------
+    network : Network
+        See Forming.
+    options : mapping, optional
+        PETSc options for the solver, without the prefix.
+    **keys
+        Those of the kind's `table`, as in ``[test]`` of a case file.
+    """
+
+    table: ClassVar[type[ArrangedTable]]
+    reference = ""
+
+    def __init__(
+        self, network: Network, *, options: Mapping[str, object] | None = None, **keys: Any
+    ):
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        tools, clamps, stages = test.arranged()
+        super().__init__(network, tools, stages, clamps, options=options, **keys)

@@ -16,7 +16,19 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems, unknown
 from ..experiments.table import KindTable, check_viscosity
-from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
+from ..fields import (
+    Count,
+    Length,
+    Name,
+    Number,
+    Of,
+    Quantities,
+    Ring,
+    Sides,
+    Size,
+    Table,
+    si_values,
+)
 from ..items.clamps import Clamp, clamp_name
 from ..items.cruciforms import Course
 from ..items.nodes import PlyNodes
@@ -28,7 +40,16 @@ from .press import LARGEST_STEP, StagePlan, stage_number
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
 PRESSURES = ("pressure", "suction")
-TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", *PRESSURES, "viscosity")
+TAKEN = (
+    "bends",
+    "cruciforms",
+    "gravity",
+    "imperfection",
+    "loads",
+    *PRESSURES,
+    "twist",
+    "viscosity",
+)
 
 
 def _a_force(force: Quantities) -> Quantities:
@@ -98,6 +119,9 @@ class ClampTable(Table):
     """Beyond which yarn ends slip. Of the whole clamp, or per width. Example: `"50 N"`"""
     slides: bool = False
     """Held in height only: the seam of a cushion of which this is one half."""
+    lift: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    """By which the edge's ends are raised over the first stage, straight between them: its first
+    and its last corner, with the cloth on the left. Example: `["0 mm", "200 mm"]`"""
 
     @model_validator(mode="after")
     def _a_spring(self) -> ClampTable:
@@ -121,7 +145,8 @@ class ClampTable(Table):
                 (self.stiffness, "N/m/m"), (self.preload, "N/m"), (self.friction_limit, "N/m")
             )
         )  # fmt: skip
-        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides)
+        lift = None if self.lift is None else si_values(self.lift)
+        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides, lift=lift)
 
 
 class FormingTable(KindTable):
@@ -177,7 +202,7 @@ class FormingTable(KindTable):
             )
         with problems.caught():
             super().check(preform, fabric)
-        by = 'test.kind = "forming"'
+        by = f'test.kind = "{self.kind}"'
         with problems.caught():
             fabric.needed("thickness", by)
         with problems.caught():
@@ -187,6 +212,14 @@ class FormingTable(KindTable):
             with problems.caught():
                 fabric.needed("areal_density", "test.gravity = true")
         problems.tell()
+
+
+class ArrangedTable(FormingTable):
+    """A forming whose tools, clamps and stages follow from keys of its own."""
+
+    def arranged(self) -> tuple[list[ToolTable], list[ClampTable], list[StageTable]]:
+        """Make them."""
+        raise NotImplementedError
 
 
 class TrimTable(Table):
@@ -354,6 +387,12 @@ def check_stages(
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
+        pushed = [key for key in PRESSURES if getattr(stage, key) is not None]
+        if pushed and test.model == "truss":
+            problems.append(
+                f'stage[{i}].{pushed[0]} is not for test.model = "truss", whose surface it would '
+                "not follow"
+            )
         problems += _across_planes(test, f"stage[{i}]", stage)
         for edge in stage.release:
             if edge not in held:
@@ -445,13 +484,15 @@ def check_pressure(
 def below_cloth(tools: Sequence[ToolTable], stages: Sequence[StageTable]) -> set[str]:
     """Names of the tools that the cloth lies on; the others come from above.
 
-    What looks up (side = "+z") is below, what looks down ("-z") above. Of the others those are
+    What looks up (side = "+z") is below, what looks down ("-z") above, as it lies once it has been
+    turned: a skin of which the cloth lies at "+z" in its file looks down when it is turned over. Of
+    the others, those that look aside too, those are
     above that travel downwards first or are pushed downwards, or by a force "towards the cloth";
     those that go up, or never move, are below.
     """
     below = set()
     for tool in tools:
-        up = {"+z": 1.0, "-z": -1.0}.get(tool.shape.side or "", 0.0)
+        up = float(np.sign(np.round(tool.looks[2], 6)))
         for stage in stages:
             if up == 0.0 and tool.name in stage.travel:
                 up = float(np.sign(stage.travel[tool.name][2].si))

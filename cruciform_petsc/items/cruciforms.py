@@ -47,7 +47,7 @@ class Cruciforms(Item):
     rows : int (m,)
         Their numbers among this rank's crossovers.
     arm_length : float (m, 4), m
-    area : float (m, 4), m^2, of the quadrants
+    area : float (m, 4), m^2, of the quadrants; both without any tension
     strain_source, turn_source : int (m, 4)
         See elements.cruciform.cruciforms.
     course : Course
@@ -70,7 +70,10 @@ class Cruciforms(Item):
         area[boundary] = supports.quadrant_area
         share[boundary] = supports.hinge_share
         self.strain_source, self.turn_source = strain[rows], turn[rows]
-        self.area, self.arm_length = area[rows], network.arm_length[rows]
+        # Cloth that is drawn stretched is smaller at rest.
+        stretch = np.tile(ply.prestretch, 2)
+        self.area = area[rows] / np.prod(ply.prestretch)
+        self.arm_length = network.arm_length[rows] / stretch
         self._along = share[rows] * [1.0, 1.0, -1.0, -1.0]  # arms, as their yarns run
         ends = ply.nodes.of_network_node[network.arm_node[rows]]
         self.nodes = np.column_stack([ends, ply.nodes.of_hinge[rows]]).astype(np.int32)

@@ -57,6 +57,8 @@ class PlyNodes:
         width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
         In space: hold z of all nodes, not only on clamps and guides.
+    prestretch : pair of float
+        Length of warp and weft yarns as the network is drawn over that without tension.
     slip : Slip, optional
         Yarns slide through crossovers, which have a second node each (Nodes).
 
@@ -80,20 +82,25 @@ class PlyNodes:
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
         slip: Slip | None = None,
     ):
         self.slip = slip
         self.constraints, self.network = constraints, constraints.network
+        self.prestretch = prestretch
         self.bending, self.comm = constraints.bending, constraints.network.comm
         self.dim = 2 if out_of_plane is None else 3
         self.out_of_plane = [
             law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
         ]
         self.supports: Supports = find_supports(constraints)
-        self.nodes = Nodes(self.network, self.dim, slip is not None)
+        self.nodes = self._nodes()
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()
+
+    def _nodes(self) -> Nodes:
+        return Nodes(self.network, self.dim, slides=self.slip is not None)
 
     def _in_space(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 2) in the plane z = 0, if the ply lies in space; (..., dim)."""

@@ -22,6 +22,7 @@ from .loads import DeadLoads
 from .nodes import PlyNodes, Slip
 from .slip import Slides, SlidingCruciforms
 from .trimmed import kept
+from .twist import Twist
 
 MODES = ("tension", "shear", "bending")  # of the energy of a cloth in its plane
 
@@ -45,9 +46,10 @@ class Ply(PlyNodes):
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
         slip: Slip | None = None,
     ):
-        super().__init__(constraints, out_of_plane, flat, slip)
+        super().__init__(constraints, out_of_plane, flat, prestretch, slip)
         self.cruciforms = Cruciforms(self) if slip is None else SlidingCruciforms(self)
         self.slides = None
         if isinstance(self.cruciforms, SlidingCruciforms):
@@ -59,7 +61,8 @@ class Ply(PlyNodes):
         )
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
-        self.further: list[Item] = []
+        share = self.network.fabric.out_of_plane_twisting
+        self.further: list[Item] = [Twist(self, share)] if share and self.dim == 3 else []
         self.cuts: Mapping[str, shapely.Polygon] = {}
 
     def with_shear_law(self, law: Potential) -> Ply:

@@ -9,6 +9,9 @@ from ..parallel import DistributedNodes, send_by_rank
 from .lattice import ARM_STEP, pack_key
 from .network import Network
 
+# Steps to the eight crossovers around one.
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+
 
 class Nodes(DistributedNodes):
     """Arm ends and hinges of a network as one distributed set of nodes. Collective.
@@ -19,6 +22,8 @@ class Nodes(DistributedNodes):
     ----------
     dim : int
         In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
+    around : bool
+        The hinges of all eight crossovers around this rank's are known.
     slides : bool
         Whether crossovers have a second node each, which lies there at rest and is no place: its
         components along warp and weft are how far these yarns have slid through the hinge.
@@ -47,7 +52,7 @@ class Nodes(DistributedNodes):
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
     """
 
-    def __init__(self, network: Network, dim: int = 2, slides: bool = False):
+    def __init__(self, network: Network, dim: int = 2, around: bool = False, slides: bool = False):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         joined = network.arm_is_shared[:, :2]
@@ -61,13 +66,13 @@ class Nodes(DistributedNodes):
         slide_key, beside_key = hinge_key[:0], np.zeros((0, 4), np.int64)
         if slides:
             # The crossovers as places on their weft yarns; hinges are those on the warp yarns.
-            around = ij[:, None] + ARM_STEP
+            near = ij[:, None] + ARM_STEP
             slide_key = pack_key(1, ij[:, 0], 4 * ij[:, 1])
-            beside_key = pack_key(1, around[..., 0], 4 * around[..., 1])
-            away = network.arm_is_shared & ~network.partition.in_box(around, network.comm.rank)
+            beside_key = pack_key(1, near[..., 0], 4 * near[..., 1])
+            away = network.arm_is_shared & ~network.partition.in_box(near, network.comm.rank)
             owned_key = np.union1d(owned_key, slide_key)
             ghost_key = np.concatenate([ghost_key, beside_key[away]])
-            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(around[away])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near[away])])
         super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
         cells = np.zeros((0, 8), np.int64)
@@ -77,6 +82,13 @@ class Nodes(DistributedNodes):
             more = np.concatenate([more, of_cells])
             ghost_key = np.concatenate([ghost_key, more[:, 0]])
             ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
+        if around:
+            near = (ij[:, None] + AROUND).reshape(-1, 2)
+            near = near[~network.partition.in_box(near, network.comm.rank)]
+            near = near[network.has_crossover(near)]
+            ghost_key = np.concatenate([ghost_key, pack_key(0, near[:, 1], 4 * near[:, 0])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near)])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)
@@ -98,6 +110,10 @@ class Nodes(DistributedNodes):
         self.halo.forward(self.rest)
         self.frame = np.tile(np.eye(dim), (self.num_nodes_local, 1, 1))
         self.frame[:, :2, :2] = network.to_lab(np.eye(2))
+
+    def find_hinges(self, ij: np.ndarray) -> np.ndarray:
+        """Local nodes of the crossovers at lattice points (n, 2); -1 where unknown here."""
+        return self.find(pack_key(0, ij[:, 1], 4 * ij[:, 0]))
 
     def _crossing_elsewhere(self, network, hinge_key, next_key, joined, ends) -> np.ndarray:
         """Keys and owners (m, 2) of other ranks' arm ends that cross at next hinges. Collective.

@@ -767,6 +767,8 @@ def determines(case: Case) -> dict[str, Any]:
     fabric = asdict(case.fabric())
     for name in ("name", "source", "weave"):
         fabric.pop(name)
+    if fabric["biaxial_law"] is not None:
+        fabric["biaxial_law"].pop("points")  # the law that was found from them is there
     data = case.model_dump() | {"fabric": fabric}
     for name in ("title", "continuum", "solver", "output"):
         data.pop(name)

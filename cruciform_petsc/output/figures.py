@@ -137,7 +137,11 @@ def figures(
     moves = experiment.colour == "shear angle" or experiment.slip is not None
     if len(result.states) > 1 and experiment.finite and moves:
         drawn["stages.png"] = _stages(result, title)
+    if result.buckling is not None:
+        drawn |= _stability(result, title)
     drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
+    if experiment.finite and result.network.fabric.biaxial_law is not None:
+        drawn["tension_surface.png"] = _surface(result, title)
     if experiment.has_zones:
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
     maps, uniform = _maps(result, membrane, title)
@@ -303,6 +307,33 @@ def _shear_force(
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
+def _stability(result: TestResult, title: str) -> Drawn:
+    """Modes on the cloth at rest, and the lowest stiffness on the way."""
+    experiment, buckling = result.experiment, result.buckling
+    column, drawn = quantity("lowest_stiffness_Pa_per_mm"), Drawn()
+    if buckling is not None and buckling.modes:
+        shapes = [mode.fields["displacement"] for mode in buckling.modes]
+        space = experiment.space
+        values = {
+            f"mode {i}": shape[:, 2] if space else np.linalg.norm(shape, axis=1)
+            for i, shape in enumerate(shapes, 1)
+        }
+        what = "out of the plane" if space else "in the plane"
+        sample: Any = sample_map(result.network, values)  # on rank 0, which draws it
+        label = f"displacement {what} (largest: 1)"
+        at = "where the cloth becomes unstable" if buckling.passed else "linearised, at rest"
+        drawn["mode.png"] = partial(pictures.maps, sample, label, _told(title, at))
+    curve, own = result.curve(), experiment.column
+    control = own.scale * curve[own.column]
+    sized = own.sized_for(control)
+    line = {"lowest stiffness": (control / sized.scale, curve[column.column])}
+    marks = curve["critical"] > 0.0
+    draw = partial(pictures.curves, line, (sized.axis, f"lowest stiffness ({column.unit})"), title)
+    points = {"critical": (control[marks] / sized.scale, curve[column.column][marks])}
+    drawn["lowest_stiffness.png"] = partial(draw, points=points if marks.any() else {})
+    return drawn
+
+
 def _energies(
     experiment: Experiment, curve: Mapping[str, np.ndarray], title: str
 ) -> partial[Figure]:
@@ -323,6 +354,19 @@ def _energies(
     column = own.sized_for(control)
     labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
+
+
+def _surface(result: TestResult, title: str) -> partial[Figure]:
+    """Both tensions of the law over both strains, and the way of the cloth's mean strains there."""
+    comm, law = result.network.comm, result.network.fabric.biaxial_law
+    assert law is not None
+    way = [(0.0, 0.0)]
+    for state in result.states:
+        carrying = state.fields["carrying"]
+        sums = [state.fields[f"{name}_strain"][carrying].sum() for name in ("warp", "weft")]
+        warp, weft, count = comm.allreduce(np.array([*sums, carrying.sum()]))
+        way.append((warp / max(count, 1), weft / max(count, 1)))
+    return partial(pictures.tension_surface, law, np.array(way), title)
 
 
 def _zones(experiment: Experiment, curve: Mapping[str, np.ndarray], title: str) -> partial[Figure]:

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.drape import Drape
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
@@ -34,8 +36,9 @@ from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .cells import area_ratio
+from .log import tell_assumed
 from .provenance import provenance
-from .sample import node_means, sample_surface
+from .sample import node_means, sample_map, sample_surface
 from .tables import write_crossovers, write_csv
 from .view import View, steps_shown
 
@@ -51,6 +54,7 @@ NAMED_STAGES = 4  # that an axis has room for
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+WRINKLES = "height of wrinkles (mm)"
 VIEWED = (  # columns of fields.csv that the view in space may show
     "shear_deg", "wrinkle_height_mm", "bridging_mm", "contact_pressure_kPa",
     "warp_tension_N_per_mm", "weft_tension_N_per_mm", "warp_strain_percent", "weft_strain_percent",
@@ -237,6 +241,7 @@ def summarize(
         "energy_j": energy,
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
+        **forming.figures(formed),
     }
     if forming.test.symmetry:
         summary["symmetry"] = {
@@ -266,6 +271,10 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
+    if "drape" in summary:
+        log.info("drape         %s", _drape_text(summary["drape"]))
+    if "inflation" in summary:
+        log.info("inflation     %s", _inflation_text(summary["inflation"]))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
     log.info("draw-in       %s", drawn)
     told = "%s%.3g mm high at most, %.3g %% of the cloth"
@@ -287,8 +296,28 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
         text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
+    tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
+
+
+def _drape_text(told: Mapping[str, Any]) -> str:
+    text = f"coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        text += f", {told['folds']} folds, {told['fold_depth_mm']:.3g} mm deep in the mean"
+    if told["change_while_at_rest"] is not None:
+        text += f"; {told['change_while_at_rest']:+.2g} points while it came to rest"
+    return text
+
+
+def _inflation_text(told: Mapping[str, Any]) -> str:
+    tension = max(told[f"{family}_tension_max_n_per_cm"][-1] for family in ("warp", "weft"))
+    text = f"at {format_si(told['pressure_pa'][-1], 'Pa')} the net rises by "
+    text += f"{told['rise_mm'][-1]:.4g} mm, over {told['volume_m3'][-1]:.4g} m^3, tension up to "
+    text += f"{tension:.4g} N/cm"
+    if "force_densities" in told:
+        text += f"; the form of force densities {told['force_densities']['rise_mm']:.4g} mm"
+    return text
 
 
 # -- fields ----------------------------------------------------------------------------------------
@@ -400,10 +429,14 @@ def figures_of(
 ) -> dict[str, partial[Figure]]:
     """What draws each picture of a forming, on rank 0, by the name of its file. Collective."""
     frames = [frame_of(forming, state) for state in _of_the_way(formed.states)]
+    last = formed.states[-1]
+    height = _heights(forming, last)
     return {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
-        **_wrinkles(forming, formed.states[-1], title),
+        **_flat_maps(forming, last, height, title),
+        **_wrinkles(forming, last, height, title),
+        **(_shadow(forming, formed, title) if isinstance(forming, Drape) else {}),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
 
@@ -450,6 +483,27 @@ def curves_of(
     return drawn | {"energy.png": partial(pictures.stacked, time, energies, labels, title)}
 
 
+def _shadow(forming: Drape, formed: Formed, title: str) -> dict[str, Any]:
+    """The picture of what a drape test's instrument shows. Collective."""
+
+    def rings(shape: shapely.Geometry | None) -> list[list[np.ndarray]]:
+        pieces = [] if shape is None else shapely.get_parts(shape)
+        return [
+            [MM * shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
+            for piece in pieces
+        ]
+
+    shadow, flat = (rings(forming.shadow(s)) for s in (formed.states[-1], forming.blank.start()))
+    told = forming.figures(formed)["drape"]
+    words = f"{title}: drape coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        words += f", {told['folds']} folds"
+    disc = MM * forming.test.support_radius.si
+    warp = float(np.arctan2(*forming.network.preform.warp_direction[::-1]))
+    draw = partial(pictures.shadow, shadow, flat[0] if flat else [], disc, warp, words)
+    return {"shadow.png": draw}
+
+
 def view_of(forming: Forming, formed: Formed) -> View:
     """View in space for the report, from the flat blank on. Collective; empty but on rank 0."""
     every = [forming.blank.start(), *formed.states]
@@ -486,13 +540,38 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
     on_root(forming.network.comm, draw)
 
 
-def _wrinkles(forming: Forming, state: State, title: str) -> dict[str, Any]:
-    """The picture of wrinkles' heights, where there are any. Collective."""
+def _flat_maps(
+    forming: Forming, state: State, height: np.ndarray | None, title: str
+) -> dict[str, Any]:
+    """Maps of the flat blank, which no tool hides: shear, and wrinkles if there are. Collective."""
+    fields = forming.blank.ply.fields(forming.blank.of_cloth(state))
+    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    shown = {"shear_map.png": (shear, "shear angle (°)")}
+    if height is not None:
+        shown["wrinkle_map.png"] = (MM * height, WRINKLES)
+    told = f"{title}\n{when(forming, state)}, on the flat blank"
+    drawn: dict[str, Any] = {}
+    for name, (values, label) in shown.items():
+        sample: Any = sample_map(forming.network, {"": values})  # on rank 0, which draws it
+        drawn[name] = partial(pictures.maps, sample, label, told)
+    return drawn
+
+
+def _heights(forming: Forming, state: State) -> np.ndarray | None:
+    """Heights of wrinkles at this rank's crossovers, m; None, where there are none. Collective."""
     height, blank = Waves.of(forming.blank, state).height, forming.blank
-    if most(blank.comm, np.nan_to_num(height), 0.0) <= NOTICED * blank.thickness:
+    noticed = most(blank.comm, np.nan_to_num(height), 0.0) > NOTICED * blank.thickness
+    return height if noticed else None
+
+
+def _wrinkles(
+    forming: Forming, state: State, height: np.ndarray | None, title: str
+) -> dict[str, Any]:
+    """The picture of wrinkles' heights, where there are any. Collective."""
+    if height is None:
         return {}
     frame = frame_of(forming, state, MM * height)
-    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
+    return {"wrinkles.png": partial(scene.formed, [frame], title, WRINKLES)}
 
 
 def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:

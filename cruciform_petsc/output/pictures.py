@@ -27,9 +27,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpi4py import MPI
 
+    from ..tension import BiaxialLaw
+
     Given = Axes | Sequence[Axes] | None  # to draw into
 
 Values = Sequence[float] | np.ndarray
+Rings = Sequence[np.ndarray]  # corners (n, 2) of each
 Curves = Mapping[str, tuple[Values, Values]]  # (x, y) by label
 
 STYLE: dict[str, Any] = {
@@ -426,6 +429,43 @@ def curves(
     return figure
 
 
+def shadow(
+    parts: Sequence[Rings], flat: Rings, disc: float, warp: float, title: str, ax: Given = None
+) -> Figure:
+    """Draw a draped cloth's shadow as the instrument shows it, mm.
+
+    Parameters
+    ----------
+    parts : sequence of rings
+        Of each piece its outline and holes, float (n, 2).
+    flat : rings
+        Of the flat cloth.
+    disc : float
+        Radius of what it lies on.
+    warp : float
+        Angle of the warp from x, radians.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    def patch(rings: Rings, **style: Any) -> PathPatch:
+        return PathPatch(Outline.make_compound_path(*map(Outline, rings)), **style)
+
+    figure, (axes,) = _curve_axes([("x (mm)", "y (mm)")], title, (5.2, 5.0), ax)
+    axes.grid(False)
+    for rings in parts:
+        axes.add_patch(patch(rings, facecolor="0.25", edgecolor="none"))
+    axes.add_patch(patch(flat, fill=False, edgecolor="0.5", linestyle="--", linewidth=0.9))
+    around = np.linspace(0.0, 2.0 * np.pi, 181)
+    axes.plot(disc * np.cos(around), disc * np.sin(around), color="white", linewidth=1.0)
+    size = 1.05 * max(np.abs(ring).max() for ring in flat)
+    x, y = 0.6 * disc * np.cos(warp), 0.6 * disc * np.sin(warp)
+    axes.annotate("", (x, y), (-x, -y), arrowprops={"arrowstyle": "->", "color": "white"})
+    axes.annotate("warp", (x, y), color="white", xytext=(4, 0), textcoords="offset points")
+    axes.set(xlim=(-size, size), ylim=(-size, size), aspect="equal")
+    return figure
+
+
 def overlaid(
     panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]], ax: Given = None
 ) -> Figure:
@@ -521,6 +561,47 @@ def stacked(
     # Beside them, as they lie upon each other.
     beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if ax is None else {}
     axes.legend(reverse=True, **beside)
+    return figure
+
+
+def tension_surface(law: BiaxialLaw, way: np.ndarray, title: str = "") -> Figure:
+    """Draw tensions of warp and weft by both strains, and a way (n, 2) of strains over them.
+
+    Over the range of the points that the law was found from, drawn as discs, or else of the way.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    ends = law.strains
+    if not np.isfinite(ends).all():
+        seen = way if law.points is None else np.concatenate([way, law.points[:, :2]])
+        least = max(float(seen.max()), 1e-3)
+        ends = np.array([[min(column.min(), 0.0), max(column.max(), least)] for column in seen.T])
+    warp, weft = np.meshgrid(*(np.linspace(low, high, 101) for low, high in ends), indexing="ij")
+    names = ("warp", "weft")
+    labels = [("warp strain (%)", "weft strain (%)")] * 2
+    figure, every = _curve_axes(labels, "", (9.2, 4.2))
+    figure.suptitle(title)
+    tension = 1e-2 * law.evaluate(warp, weft)[1]  # N/cm
+    for k, (name, axes) in enumerate(zip(names, every, strict=True)):
+        values, points = tension[..., k], law.points
+        measured = np.zeros(0) if points is None else 1e-2 * points[:, 2 + k]
+        low = min(values.min(), measured.min(initial=0.0))
+        high = max(values.max(), measured.max(initial=0.0))
+        colours = ScalarMappable(Normalize(low, high), "viridis")
+        on = (100 * warp, 100 * weft, values, 12)
+        axes.contourf(*on, cmap=colours.cmap, norm=colours.norm)
+        lines = axes.contour(*on, colors="w", linewidths=0.5)
+        axes.clabel(lines, fontsize=7.5)
+        if points is not None:
+            axes.scatter(
+                100 * points[:, 0], 100 * points[:, 1], 26, colours.to_rgba(measured),
+                edgecolors="k", linewidths=0.6, clip_on=False, zorder=4,
+            )  # fmt: skip
+        axes.plot(*(100 * way.T), color="#D55E00", linewidth=2.0, zorder=5)
+        axes.set(xlim=100 * ends[0], ylim=100 * ends[1])
+        axes.grid(visible=False)
+        figure.colorbar(colours, ax=axes, label=f"tension of the {name} (N/cm)", aspect=30)
     return figure
 
 

@@ -108,10 +108,11 @@ def test_defaults(write):
     assert (case.continuum.second_gradient, case.second_gradient) == (None, True)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
-        "results",
+        "results/case",
         True,
         True,
     )
+    assert Case.load(write(OWN_FABRIC), ["output.directory=here"]).output.directory == "here"
 
 
 def test_everything_given(write):
@@ -356,18 +357,19 @@ def test_bad_override(write, override):
             ["test.kind=bias"],  # nearer to "biaxial" by its letters
             'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
             '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
-            '"pantograph", "pull-out", "forming")',
+            '"pantograph", "pull-out", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=bias-extention"],
             'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '
             'known: "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
-            '"cantilever", "pantograph", "pull-out", "forming")',
+            '"cantilever", "pantograph", "pull-out", "forming", "drape", "inflation")',
         ),
         (
             ["test.kind=[1]"],
             'test.kind: there is no kind of test "[1]" (known: "bias-extension", "picture-frame", '
-            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "pull-out", "forming")',
+            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "pull-out", "forming", '
+            '"drape", "inflation")',
         ),
         (["test=[1]"], "test must be a table, got [1]"),
         (
@@ -393,8 +395,8 @@ def test_bad_override(write, override):
         (
             ["fabric.warp=" + FAMILY],
             "fabric needs either use or warp, weft and shear, not use and warp (beside use only "
-            "shear, tension, out_of_plane_bending, areal_density, thickness, fibre_density and "
-            "weave may stand)",
+            "shear, shear_viscosity, shear_friction, tension, out_of_plane_bending, areal_density, "
+            "thickness, fibre_density, out_of_plane_twisting and weave may stand)",
         ),
         (
             ["fabric.shear.law=spline"],
@@ -445,8 +447,8 @@ def test_bad_override(write, override):
         ),
         (
             ["test.kind=pantograph", "test.load=1 N"],
-            '[test] has the unknown key "load" (known: kind, bending, finite, space, imperfection, '
-            "slip, increments, speed, temperature, extension)",
+            '[test] has the unknown key "load" (known: kind, bending, model, finite, space, '
+            "imperfection, slip, stability, increments, speed, temperature, extension)",
         ),
         (['test={kind="picture-frame"}'], "test.angle is missing"),
         (
@@ -584,6 +586,30 @@ def test_bad_override(write, override):
         (
             ["test.finite=true", "test.space=true", 'test.imperfection={height="-1 mm"}'],
             'test.imperfection.height must be positive, got "-1 mm"',
+        ),
+        (
+            ["test.model=truss", "test.finite=false"],
+            'test has model = "truss", which is for finite deformation only',
+        ),
+        (
+            ["test.model=truss", "test.space=true", 'test.imperfection={height="1 mm"}'],
+            "test.imperfection is what yarns are bent by, and those of a truss do not",
+        ),
+        (
+            ["test.finite=false", "test.stability={}"],
+            "test.stability needs finite = true: small displacements are always stable",
+        ),
+        (
+            ["test={load='1 N', stability={}}"],
+            "test.stability follows the extension, give that in place of load",
+        ),
+        (
+            ["test.finite=true", 'test.stability={step="0 mm"}'],
+            'test.stability.step must be other than 0, got "0 mm"',
+        ),
+        (
+            ["test.finite=true", "test.stability={modes=0}"],
+            "test.stability.modes must be a whole number from 1 up, got 0",
         ),
         (
             ["test.finite=true", "test.space=true", "output.exports=true"],

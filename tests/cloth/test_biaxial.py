@@ -7,6 +7,7 @@ from support.biaxial import CRIMP, grid, points_of
 
 from cruciform_petsc import Fabric, InputError
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.biaxial import points_of_file
 from cruciform_petsc.cloth.fabric import FabricTable
 
 YARNS = {"warp": {"yarns": "4 /cm"}, "weft": {"yarns": "5 /cm"}, "shear": {"modulus": "1 N/cm"}}
@@ -62,6 +63,15 @@ def test_surface(how, tmp_path):
     e = grid(0.0, 0.02, 11)
     found, expected = (given.evaluate(*e.T)[1] for given in (law, CRIMP.law))
     np.testing.assert_allclose(found, expected, atol=5e-3 * expected.max())
+
+
+def test_points_of_a_file_in_si(tmp_path):
+    """Forces of warp yarns times their number, 400 a metre, tensions of the weft as they are."""
+    points = POINTS * [1.0, 1.0, 0.25, 1.0]
+    path = write(tmp_path, TITLES.replace("(N/cm)", "(N)"), points)
+    np.testing.assert_allclose(
+        points_of_file(path, 400.0, 500.0), POINTS * [0.01, 0.01, 100.0, 100.0], rtol=1e-8
+    )
 
 
 def test_what_is_told_of_a_surface():

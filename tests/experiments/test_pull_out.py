@@ -163,6 +163,14 @@ def test_what_a_table_makes():
             ),
             "test.slip needs fabric.warp.poisson = 0",
         ),
+        (
+            lambda: BiasExtension(network(BIAS), "1 mm", slip=SLIP, model="truss"),
+            'test.slip is of crossovers with arms, which model = "truss" has not',
+        ),
+        (
+            lambda: BiasExtension(network(BIAS), "1 mm", slip=SLIP, stability={}),
+            "test.slip and .stability do not go together",
+        ),
         (lambda: PullOut(network(STRIP), "1 mm"), "test.slip is missing"),
         (
             lambda: PullOut(network(BIAS), "1 mm", slip=SLIP),

@@ -231,10 +231,15 @@ def test_weight_needs_an_areal_density(tmp_path):
 
 
 def test_what_lies_below(tmp_path):
-    """What looks up, goes up first, or never moves is below; the rest comes from above."""
+    """What looks up, goes up first, or never moves is below; the rest comes from above.
+
+    A skin looks where its side lies once it is turned: one turned over comes from above.
+    """
     both, end = {"die", "punch"}, 'outer_radius = "60 mm" }'
     turned = 'turn = { punch = { angle = "3 deg", axis = [0.0, 0.0, 1.0] } }'
     next_tool = ' }\nfriction = 0.2\n[[tool]]\nname = "punch"'
+    punch = 'shape = { sphere = { radius = "12 mm", shaft = true } }\n'
+    skin = 'shape = { file = "skin.stl", unit = "mm", side = "+z" }\n'
     for changes, below in (
         ([], {"die"}),
         ([(DRAW, 'travel = { punch = ["0 mm", "0 mm", "6 mm"] }')], both),
@@ -242,6 +247,9 @@ def test_what_lies_below(tmp_path):
         ([(CLOSE, 'force = { holder = ["0 N", "0 N", "5 N"] }')], {"die", "holder"}),
         ([("shaft = true } }", 'shaft = true }, side = "+z" }')], both),
         ([(end + next_tool, end + ', side = "-z"' + next_tool)], set()),
+        ([(punch, skin + 'turn = ["180 deg", "0 deg", "30 deg"]\n')], {"die"}),
+        ([(punch, skin.replace("+z", "-y") + 'turn = ["90 deg", "0 deg", "0 deg"]\n')], {"die"}),
+        ([(punch, skin.replace("+z", "-y") + 'turn = ["-90 deg", "0 deg", "0 deg"]\n')], both),
     ):
         case = Case.load(written(tmp_path, *changes))
         assert below_cloth(case.tools, case.stages) == below

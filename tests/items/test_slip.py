@@ -34,7 +34,7 @@ class Sliding:
         constraints.clamp("lower")
         if guided:
             constraints.guide("upper", (0.0, 1.0), 0.0)
-        self.ply = Ply(constraints, out_of_plane, False, slip)
+        self.ply = Ply(constraints, out_of_plane, False, slip=slip)
         self.model, self.rest = model_of(self.ply), self.ply.nodes.rest
         self.start = State(self.rest, holder(self.ply)([]))
 
