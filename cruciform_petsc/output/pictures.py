@@ -358,9 +358,9 @@ def head(axes: Sequence[Axes], title: str, ax: Given = None) -> None:
 
 
 def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates of arrays of points (n, d)."""
+    """Lowest and highest coordinates of arrays of points (n, d), NaN left out."""
     together = np.concatenate(list(points))
-    return together.min(axis=0), together.max(axis=0)
+    return np.nanmin(together, axis=0), np.nanmax(together, axis=0)
 
 
 # -- colours ------------------------------------------------------------------------------------
