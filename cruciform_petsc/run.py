@@ -108,7 +108,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
     path = case.output.measured
     if path is None:
         return None
-    if kind == "biaxial":
+    if kind.startswith("biaxial"):
         raise InputError(
             "output.measured is a force over a displacement, which a biaxial test does not have, "
             "leave it out"
@@ -388,6 +388,9 @@ class _Run:
                 drawn = figures.draw_all(
                     directory, result, without, membranes, self.summary, self.measured
                 )
+        if output.animation:
+            with self.stages.stage("animation", "animation drawn"):
+                figures.draw_animation(result, directory / "animation.gif", self.case.title)
         if output.scene:
             with self.stages.stage("scene", "yarns drawn in space"):
                 try:

@@ -218,6 +218,7 @@ class Experiment:
         hanging = comm.allreduce(find_supports(constraints).num_hanging)
         ends = zip(counts, grips, strict=True)
         told = [", ".join(f"{count} yarn ends on the {grip.edge} edge" for count, grip in ends)]
+        told = told if grips else []
         if hanging:
             told.append(f"{hanging} crossovers hang on by one arm end and will carry no load")
         return told

@@ -270,6 +270,8 @@ def solve_finite(
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
         if watch is not None:
+            if done and isinstance(error, EquilibriumError):
+                found.buckling = watch.finish(done, placed)
             watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)

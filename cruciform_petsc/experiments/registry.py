@@ -20,6 +20,7 @@ KINDS: dict[str, str | type] = {
     "picture-frame": "picture_frame.PictureFrame",
     "off-axis-tension": "off_axis.OffAxisTension",
     "biaxial": "biaxial.Biaxial",
+    "biaxial-load": "biaxial_load.BiaxialLoad",
     "cantilever": "cantilever.Cantilever",
     "pantograph": "pantograph.Pantograph",
     "pull-out": "pull_out.PullOut",

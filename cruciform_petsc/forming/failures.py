@@ -23,11 +23,16 @@ CURES = {
 
 
 def explain(
-    blank: Blank, stages: Sequence[StageTable], error: EquilibriumError, is_kept: bool
+    blank: Blank,
+    stages: Sequence[StageTable],
+    error: EquilibriumError,
+    is_kept: bool,
+    kind: str = "forming",
 ) -> None:
     """Say in the error how far it came, which tools press where it stopped, and why. Collective.
 
-    Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help.
+    Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help:
+    those of a stage, of other kinds than forming of all.
     """
     formed: Formed = error.result
     done = formed.steps[-1].increment.control if formed.steps else 0.0
@@ -50,11 +55,12 @@ def explain(
     if is_kept and error.reason != "CLOSED":
         count = len(formed.steps)
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
-        step = f"stage[{number}].step={0.5 * stages[number].largest_step:.3g}"
+        key = f"stage[{number}].step" if kind == "forming" else "test.step"
+        step = f"{key}={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
         going_on += " (and --output, where the run had it)"
     error.args = (
-        f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
+        f"{kind}: no equilibrium beyond {100 * (done - number):.3g} % of stage "
         f'"{stages[number].name}" ({error}, {error.reason}){where}. '
         f"{cure[0].upper()}{cure[1:]}{going_on}",
     )

@@ -403,13 +403,18 @@ class Forming:
         """
         try:
             formed = form(
-                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+                self.blank,
+                self.plans,
+                options=self.options,
+                accepted=accepted,
+                keeper=keeper,
+                modes=self.test.stability.modes if self.test.stability else 0,
             )
             return replace(formed, of=self)
         except EquilibriumError as error:
             if error.result is not None:
                 error.result.of = self
-            explain(self.blank, self.stages, error, keeper is not None)
+            explain(self.blank, self.stages, error, keeper is not None, self.kind)
             raise
 
 

@@ -293,7 +293,7 @@ def cloth(fabric) -> Cloth:
         (fabric.warp_tension if biaxial is None else none).packed,
         (fabric.weft_tension if biaxial is None else none).packed,
         fabric.shear.packed,
-        float(fabric.c12) if biaxial is None else 0.0,
+        float(fabric.c12),
         bool(fabric.log_strain),
         float(fabric.compression),
         float(fabric.compression_width),

@@ -772,7 +772,8 @@ def determines(case: Case) -> dict[str, Any]:
     data = case.model_dump() | {"fabric": fabric}
     for name in ("title", "continuum", "solver", "output"):
         data.pop(name)
-    data["test"].pop("increments", None)
+    for key in ("increments", "step"):
+        data["test"].pop(key, None)
     for stage in data.get("stage", []):
         stage.pop("step")
     data["preform"]["outline"]["file"] = case.preform_table.outline.drawn

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..experiments.net_kinematics import net_angle
-from ..parallel import least, most
+from ..parallel import least, most, on_root
 from ..quantities import EXTENSION, LOAD, energy_unit, force_unit, quantity
 from . import pictures
 from .sample import sample_map, sample_yarns
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
 CLOSED_FORM = "closed form, yarns neither stretch nor bend"
 STAGES = 4  # states side by side
+MOST_FRAMES = 40  # of an animation
 
 Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
 
@@ -215,6 +216,34 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
         values, label = _colours(result, state)
         panels.append(_panel(name + load, result, state, values))
     return partial(pictures.yarns, panels, title, before=False, label=label)
+
+
+def draw_animation(result: TestResult, path: str | Path, title: str = "") -> None:
+    """Write the yarns of a finite test, all its increments or so many evenly, as a GIF. Collective.
+
+    InputError on every rank if it cannot be written.
+    """
+    count = max(len(result.increments), len(result.states))
+    chosen = set(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int).tolist())
+    label, panels = "", []
+    for number, state in enumerate(result.every_state()):
+        if number not in chosen:
+            continue
+        values, label = _colours(result, state)
+        panels.append(_panel(when(result, state), result, state, values))
+    title = pictures.plain_text(title)
+
+    def draw() -> None:
+        from matplotlib import rc_context
+
+        with rc_context(pictures.STYLE):
+            pages = (
+                pictures.yarns([panel], title, before=False, label=label, among=panels)
+                for panel in panels
+            )
+            pictures.save_animation(path, pages)
+
+    on_root(result.network.comm, draw)
 
 
 # -- curves -------------------------------------------------------------------------------------

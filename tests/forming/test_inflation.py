@@ -7,8 +7,8 @@ from mpi4py import MPI
 from support.forming import formed, kept
 
 from cruciform_petsc.case.schema import Case
-from cruciform_petsc.errors import InputError
-from cruciform_petsc.output.checkpoint import Checkpoint
+from cruciform_petsc.errors import EquilibriumError, InputError
+from cruciform_petsc.output.checkpoint import Checkpoint, determines
 
 COMM = MPI.COMM_SELF
 SIDE, MODULUS, TENSION = 0.1, 1e4, 1e3  # m, N/m
@@ -167,6 +167,19 @@ def test_it_goes_on(tmp_path):
     keeper = Checkpoint.resume(COMM, tmp_path)
     result = kept(COMM, read, keeper)
     np.testing.assert_array_equal(result.states[-1].x, whole.states[-1].x)
+
+
+def test_steps_are_those_of_the_test(tmp_path, monkeypatch):
+    """Where it cannot go on the key to change is told, and a run may go on with another step."""
+    monkeypatch.setattr("cruciform_petsc.equilibrium.follow.MOST_CUTS", 0)
+    text = case('pressure = "1 kPa"\nslides = true') + "[solver]\noptions = { snes_max_it = 1 }\n"
+    read = Case.load(written(tmp_path, text))
+    with pytest.raises(EquilibriumError) as caught:
+        kept(COMM, read, Checkpoint.begin(COMM, tmp_path, read))
+    assert str(caught.value).startswith("inflation: no equilibrium beyond 0 % of stage")
+    assert '--set "test.step=0.125"' in str(caught.value)
+    smaller = Case.load(written(tmp_path, text), ["test.step=0.125"])
+    assert determines(smaller) == determines(read)
 
 
 @pytest.mark.parametrize(

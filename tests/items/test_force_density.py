@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from support.helpers import PITCH, TABLE_1, diagonals, l_shape
+from support.helpers import PITCH, UNEVEN, diagonals, l_shape
 from support.kernels import differences
 
 from cruciform_petsc.cloth.preform import Preform
@@ -20,7 +20,7 @@ TENSION = (700.0, 300.0)
 
 
 def net_of(preform):
-    network = Network(MPI.COMM_SELF, preform, TABLE_1)
+    network = Network(MPI.COMM_SELF, preform, UNEVEN)
     ply = Ply(Constraints(network, True, floats=True), (1e-3, 1e-3), flat=False)
     return ply, ForceDensity(ply, TENSION)
 
