@@ -221,7 +221,7 @@ def test_every_other_kind(tmp_path, kind):
     words = {
         "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
         "biaxial": (
-            "tension warp (N/cm)", "weft force", "warp force (N)",
+            "warp tension (N/cm)", "weft force", "warp force (N)",
             "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
         ),
         "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
