@@ -2,7 +2,8 @@
 """Woven fabrics as parallel networks of cruciform elements.
 
 - The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
-- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `BiaxialLoad`, `Cantilever`, `Pantograph`;
+- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `BiaxialLoad`,
+  `Cantilever`, `Pantograph`;
   their `solve()` gives a `TestResult`. A blank among tools: `Forming`, whose `solve()` gives a
   `Formed`.
 - To look at one: `result.plot()` the load, `result.plot(ax, "zones")` another picture, into axes of

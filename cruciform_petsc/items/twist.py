@@ -54,6 +54,7 @@ class Twist(Item):
         network, nodes = ply.network, ply.nodes
         arms, carrying = network.arm_length, ply.supports.carrying
         hinge = nodes.of_hinge
+        at_plane = ply.constraints.mirrored_arm[network.arm_node, np.arange(4)]
         parts = []
         for family in (0, 1):
             after = nodes.after_hinge[:, family]
@@ -65,6 +66,9 @@ class Twist(Item):
             # Of a hinge's area what falls to each of its joints.
             joints = np.zeros(nodes.num_nodes_local)
             np.add.at(joints, pair, 1.0)
+            # Across a plane of symmetry there is one to the mirror image, without any twist.
+            across = at_plane & (arms > 0)
+            joints[hinge] += across[:, family] + 1.0 * across[:, family + 2]
             nodes.halo.share(joints)
             area = np.zeros(nodes.num_nodes_local)
             area[hinge] = np.where(arms.any(axis=1), network.quadrant_area.sum(axis=1), 0.0)
@@ -72,8 +76,20 @@ class Twist(Item):
             each = 0.5 * (area / np.maximum(joints, 1.0))[pair].sum(axis=0)
             along = np.concatenate([pair.T, crossing[0], crossing[1]], axis=1)
             length = np.linalg.norm(nodes.rest[pair[1]] - nodes.rest[pair[0]], axis=1)
-            parts.append((along, each, length))
-        joined, each, length = (np.concatenate(part) for part in zip(*parts, strict=True))
+            # A yarn that crosses on a plane of symmetry goes on as its mirror image: with that its
+            # chord stands on the plane.
+            cut = np.zeros(nodes.num_nodes_local, bool)
+            ends = at_plane & (arms == 0)
+            cut[hinge] = ends[:, 1 - family] | ends[:, 3 - family]
+            nodes.halo.forward(cut)
+            normal = ply.arm_directions[1 - family]
+            straight = np.where(
+                cut[pair.T][..., None, None], normal[:, None] * normal, np.eye(ply.dim)
+            )
+            parts.append((along, each, length, straight))
+        joined, each, length, self._straight = (
+            np.concatenate(part) for part in zip(*parts, strict=True)
+        )
         self.nodes = joined.astype(np.int32)
         across = [
             np.linalg.norm(nodes.rest[joined[:, p]] - nodes.rest[joined[:, q]], axis=1)
@@ -86,9 +102,19 @@ class Twist(Item):
         """See Item.work."""
         x, scale = state.x[self.nodes[rows]], self._scale[rows]
         area, length = self._area[rows], self._length[rows]
+        straight = self._straight[rows]
         t, a, b = (scale[:, k, None] * (x[:, p] - x[:, q]) for k, (p, q) in enumerate(_ENDS))
+        a, b = (np.einsum("nij,nj->ni", straight[:, k], v) for k, v in enumerate((a, b)))
         energy, force, stiffness = room(len(x), 1, 6, 3, level)
         s, first, second = _twist(t, a, b, level)
+        for k in (1, 2):
+            if level >= FORCE:
+                first[:, k] = np.einsum("nij,nj->ni", straight[:, k - 1], first[:, k])
+            if level >= STIFFNESS:
+                second[:, k] = np.einsum("nij,njkl->nikl", straight[:, k - 1], second[:, k])
+                second[:, :, :, k] = np.einsum(
+                    "nkij,njl->nkil", second[:, :, :, k], straight[:, k - 1]
+                )
         # By kappa = s/L; laws are of its size.
         kappa = s / length
         laws = [law.evaluate(abs(kappa)) for law in self._laws]
