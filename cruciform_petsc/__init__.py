@@ -2,10 +2,9 @@
 """Woven fabrics as parallel networks of cruciform elements.
 
 - The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
-- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `BiaxialLoad`,
-  `Cantilever`, `Pantograph`;
-  their `solve()` gives a `TestResult`. A blank among tools: `Forming`, whose `solve()` gives a
-  `Formed`.
+- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `BiaxialLoad`, `Cantilever`,
+  `Pantograph`, `PullOut`; their `solve()` gives a `TestResult`. A blank among tools: `Forming`,
+  whose `solve()` gives a `Formed`.
 - To look at one: `result.plot()` the load, `result.plot(ax, "zones")` another picture, into axes of
   yours; `result.map("shear")`, `result.scene()`; `plot_comparison(one, other)`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
@@ -67,6 +66,7 @@ if TYPE_CHECKING:
     from .experiments.off_axis import OffAxisTension as OffAxisTension
     from .experiments.pantograph import Pantograph as Pantograph
     from .experiments.picture_frame import PictureFrame as PictureFrame
+    from .experiments.pull_out import PullOut as PullOut
     from .experiments.result import TestResult as TestResult
     from .forming.forming import Formed as Formed
     from .forming.kind import Forming as Forming
@@ -91,6 +91,7 @@ _NAMES = {
     "experiments.cantilever": ("Cantilever",),
     "experiments.off_axis": ("OffAxisTension",),
     "experiments.pantograph": ("Pantograph",),
+    "experiments.pull_out": ("PullOut",),
     "experiments.picture_frame": ("PictureFrame",),
     "experiments.result": ("TestResult",),
     "forming.forming": ("Formed",),

@@ -116,6 +116,7 @@ declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99
 declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the middle zone")
 declare("shear_side_deg", "shear, side zones (median)", "shear angle of the side zones")
 declare("shear_clamp_deg", "shear, at the clamps (median)", "shear angle at the clamps")
+declare("slip_max_mm", "slip at a crossover, largest", "largest slip at a crossover")
 declare("height_max_mm", "height out of the plane, largest", "largest height out of the plane")
 
 

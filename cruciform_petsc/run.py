@@ -388,6 +388,9 @@ class _Run:
                 drawn = figures.draw_all(
                     directory, result, without, membranes, self.summary, self.measured
                 )
+        if output.animation:
+            with self.stages.stage("animation", "animation drawn"):
+                figures.draw_animation(result, directory / "animation.gif", self.case.title)
         if output.scene:
             with self.stages.stage("scene", "yarns drawn in space"):
                 try:

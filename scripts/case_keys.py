@@ -104,6 +104,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
+    ("`test.stability` of forming", forming.SoftestTable),
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),

@@ -36,6 +36,7 @@ FINITE = {
     "picture_frame": ("load_n", 6.849837),
     "picture_frame_cycle": ("load_n", 9.209219),
     "prepreg_frame": ("load_n", 10.534952),
+    "pull_out": ("load_n", 0.15852950),
     "sin_potential": ("load_n", 11.20169),
 }
 BIAXIAL = {"biaxial", "biaxial_cross", "biaxial_surface"}
@@ -75,7 +76,7 @@ def on_one_and_two(demo, tmp_path):
     both = run(demo, 2, tmp_path / "2", *bare)
     assert set(alone) >= KEYS
     assert (alone["ranks"], both["ranks"]) == (1, 2)
-    assert set(alone["energy_j"]) == {"tension", "shear", "bending"}
+    assert set(alone["energy_j"]) - {"slip"} == {"tension", "shear", "bending"}
     force = "force_warp_n" if demo in BIAXIAL else "load_n"
     for key in (force, "extension_m", "shear_centre_deg", "shear_max_deg"):
         # LSQR of the separate systems stops at 1e-10 of the normal residual, times its condition.

@@ -94,7 +94,8 @@ class OutputTable(Table):
     scene: bool = False
     """scene.png, the woven yarns in space, drawn with PyVista."""
     animation: bool = False
-    """Of a forming: animation.gif, the blank among its tools at all results."""
+    """Write animation.gif: of a forming the blank among its tools at all results, of a finite test
+    the yarns as it goes on."""
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
@@ -325,8 +326,8 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
-        if self.output.animation and not forming:
-            problems.append("output.animation is for a forming, leave it out")
+        if self.output.animation and not self.test.finite:
+            problems.append("output.animation needs test.finite = true")
         part = self.output.part
         if part is not None:
             if not forming:

@@ -857,10 +857,12 @@ class FabricTable(Table):
     def _filled_in(self) -> list[str]:
         if self.use is not None:
             given = self._given("use")
-            entry = _published(self.use)
+            entry, replaced = _published(self.use), {*given}
+            if self.tension is not None and self.tension.biaxial is not None:
+                replaced |= {"modulus", "poisson"}
             return [
                 *(f"{key}: assumed, {why}" for key, why in entry.assumed.items()
-                  if key.split(" ")[0].rpartition(".")[2] not in given),
+                  if key.split(" ")[0].rpartition(".")[2] not in replaced),
                 *entry.model_copy(update=given)._filled_in(),
             ]  # fmt: skip
         if self.from_datasheet is not None:

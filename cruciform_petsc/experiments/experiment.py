@@ -60,8 +60,9 @@ class Experiment:
         Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (False: small
         displacements; by default only where something asks for them), ``bending`` (whether yarns
         resist it in the plane), ``space`` (the cloth may leave the plane, but on clamps and guides)
-        and ``imperfection``, ``increments`` (finite deformation: at least so many steps to the
-        largest value), the controls by name, and the kind's own, which become attributes.
+        and ``imperfection``, ``slip`` (how yarns slide through crossovers), ``increments`` (finite
+        deformation: at least so many steps to the largest value), the controls by name, and the
+        kind's own, which become attributes.
 
     Attributes
     ----------
@@ -129,6 +130,7 @@ class Experiment:
         self.network, self.options = network, options or {}
         self.size, self.middle = network.preform.size, network.preform.middle
         self.space, self.imperfection = test.space, test.imperfection
+        self.slip = None if test.slip is None else test.slip.build()
         self.stability, self.model = test.stability, test.model
         self.prestretch = prestretch(getattr(test, "pretension", None), network.fabric)
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
@@ -143,7 +145,8 @@ class Experiment:
     @property
     def modes(self) -> tuple[str, ...]:
         """Modes of deformation that have a strain energy."""
-        return (*MODES, "out_of_plane_bending") if self.space else MODES
+        out_of_plane = ("out_of_plane_bending",) if self.space else ()
+        return (*MODES, *out_of_plane, *(("slip",) if self.slip else ()))
 
     # -- what a kind of test says ---------------------------------------------------------------
 

@@ -26,6 +26,7 @@ from ..net.edges import Constraints
 from . import result
 from .stability import Watch
 
+EASY = 20  # Newton steps, of all rounds of friction together
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
 
@@ -67,8 +68,12 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        kind = TrussPly if experiment.model == "truss" else Ply
-        self.ply = kind(constraints, out_of_plane, experiment.flat, experiment.prestretch)
+        drawn = experiment.flat, experiment.prestretch
+        self.ply: Ply
+        if experiment.model == "truss":
+            self.ply = TrussPly(constraints, out_of_plane, *drawn)
+        else:
+            self.ply = Ply(constraints, out_of_plane, *drawn, experiment.slip)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.ply.cruciforms.course = Course(self.seconds, self.temperature)
@@ -150,7 +155,7 @@ class FiniteTest:
             control_step = control_step or test.reference_control()
         else:
             control_step = step or control_step
-        return Stage(
+        stage = Stage(
             test.kind,
             self.drive,
             test.values.tolist(),
@@ -162,6 +167,8 @@ class FiniteTest:
             self.rate,
             self.measure,
         )
+        # Friction sticks and slides: what has been says little of what comes.
+        return stage if test.slip is None else replace(stage, carry_on=False, easy=EASY)
 
     def result_state(self, state: State, measured: Measured) -> result.State:
         """What a result keeps of a state, of which all is remembered that is past then."""
@@ -190,7 +197,8 @@ def solve_finite(
     """See Experiment.solve. Collective."""
     test = FiniteTest(experiment)
     start = test.at(0.0)
-    equilibrium = Equilibrium(test.model, start, experiment.options)
+    switches = experiment.slip is not None  # as friction does
+    equilibrium = Equilibrium(test.model, start, experiment.options, foretell=not switches)
     types = equilibrium.types()
     path = Path([start], begin=start.time)
     done: list[Increment] = []
@@ -262,6 +270,8 @@ def solve_finite(
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
         if watch is not None:
+            if done and isinstance(error, EquilibriumError):
+                found.buckling = watch.finish(done, placed)
             watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)

@@ -23,6 +23,7 @@ KINDS: dict[str, str | type] = {
     "biaxial-load": "biaxial_load.BiaxialLoad",
     "cantilever": "cantilever.Cantilever",
     "pantograph": "pantograph.Pantograph",
+    "pull-out": "pull_out.PullOut",
     "forming": ".forming.kind.Forming",
     "drape": ".forming.drape.Drape",
     "inflation": ".forming.inflation.Inflation",

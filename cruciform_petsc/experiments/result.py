@@ -380,6 +380,11 @@ class TestResult(Shown, Plotted, Mapped, InSpace):
                 columns[f"shear_{zone}_deg"] = np.rad2deg(angle)
         if self.experiment.space:
             columns["height_max_mm"] = 1e3 * self.heights_max
+        if self.experiment.slip is not None:
+            slips = [abs(state.fields["slip"]) for state in self.states]
+            columns["slip_max_mm"] = 1e3 * np.array(
+                [most(self.network.comm, s, 0.0) for s in slips]
+            )
         columns |= {f"energy_{mode}_J": value for mode, value in self.energies().items()}
         return columns | self.experiment.extra_columns(self)
 

@@ -6,12 +6,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
+import shapely
 from pydantic import AfterValidator, Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems
-from ..fields import Count, Of, Quantities, Size, Table, si_values
+from ..fields import Count, Number, Of, Quantities, Ring, Size, Table, si_values
+from ..items.nodes import Slip
 from ..units import Quantity, format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
@@ -56,6 +59,61 @@ class ImperfectionTable(Table):
     Example: `"0.1 mm"`"""
     seed: Annotated[int, Field(ge=0)] = 1
     """Another number, other waves; the same ones on any number of processes and for any pitch."""
+
+
+def _is_crimp(angle: float) -> bool:
+    return 0.0 <= angle < 0.5 * np.pi
+
+
+class SlipTable(Table):
+    """[test] slip: yarns slide through crossovers, against friction (docs/slip.md)."""
+
+    force: Annotated[Quantity, Of("N", good=lambda f: f > 0.0, wanted="positive")]
+    """Pull-out force of one crossing: at which a yarn slides across one crossing yarn.
+    Example: `"0.05 N"`"""
+    friction: Annotated[Number, Field(ge=0.0, le=10.0)] = 0.0
+    """Of yarn on yarn: with `crimp_angle`, what their tension adds to the force."""
+    crimp_angle: (
+        Annotated[
+            Quantity, Of("rad", example="20 deg", good=_is_crimp, wanted="from 0 to below 90 deg")
+        ]
+        | None
+    ) = None
+    """Of yarns to the cloth's plane, where they cross. Example: `"15 deg"`"""
+    yarns: Literal["both", "warp", "weft"] = "both"
+    """Which slide."""
+    region: Ring | None = None
+    """Corners of the part of the cloth in which they slide, x and y; by default in all of it.
+    Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"]]`"""
+    closest: Annotated[Number, Field(ge=0.01, le=0.95)] = 0.2
+    """How close crossing yarns come to each other, over their distance at rest."""
+    elastic_slip: Size | None = None
+    """Up to which friction gives like a spring; by default a thousandth of the pitch.
+    Example: `"0.005 mm"`"""
+
+    @model_validator(mode="after")
+    def _fits(self) -> SlipTable:
+        if (self.friction > 0.0) != (self.crimp_angle is not None):
+            given, lacks = ("friction", "crimp_angle")[:: 1 if self.friction > 0.0 else -1]
+            raise ValueError(f".{given} needs {lacks}, too: both make a normal force of a tension")
+        if self.region is not None and not self._polygon().is_valid:
+            raise ValueError(".region crosses or touches itself")
+        return self
+
+    def _polygon(self) -> shapely.Polygon:
+        return shapely.Polygon([si_values(point) for point in self.region or ()])
+
+    def build(self) -> Slip:
+        """What a ply takes."""
+        angle = 0.0 if self.crimp_angle is None else self.crimp_angle.si
+        return Slip(
+            self.force.si,
+            self.friction * float(np.sin(angle)),
+            (self.yarns != "weft", self.yarns != "warp"),
+            None if self.region is None else self._polygon(),
+            None if self.elastic_slip is None else self.elastic_slip.si,
+            self.closest,
+        )
 
 
 class StabilityTable(Table):
@@ -143,6 +201,9 @@ class TestTable(KindTable):
     imperfection: ImperfectionTable | None = None
     """Waves by which the cloth is not flat at rest, with space = true. Without them wrinkles start
     from rounding, if at all. Example: `{ height = "0.1 mm", seed = 1 }`"""
+    slip: SlipTable | None = None
+    """How yarns slide through crossovers, with finite = true; by default they do not.
+    Example: `{ force = "0.05 N" }`"""
     stability: StabilityTable | None = None
     """Where the cloth becomes unstable, what shape it takes there and beyond, with finite = true.
     Example: `{ modes = 2 }`"""
@@ -170,6 +231,14 @@ class TestTable(KindTable):
             raise ValueError(".space = true needs finite = true: small displacements are flat")
         if self.imperfection is not None and not self.space:
             raise ValueError(".imperfection needs space = true: in the plane nothing can buckle")
+        if self.slip is not None and not self.finite:
+            raise ValueError(".slip needs finite = true: friction is not linear")
+        if self.slip is not None and self.model == "truss":
+            raise ValueError('.slip is of crossovers with arms, which model = "truss" has not')
+        if self.slip is not None and self.stability is not None:
+            raise ValueError(
+                ".slip and .stability do not go together: what rubs has no lowest mode"
+            )
         if self.imperfection is not None and self.model == "truss":
             raise ValueError(".imperfection is what yarns are bent by, and those of a truss do not")
         if self.stability is not None and not self.finite:
@@ -211,6 +280,8 @@ class TestTable(KindTable):
         if self.space:
             with problems.caught():
                 fabric.out_of_plane("test.space = true")
+        if self.slip is not None:
+            problems += _check_slip(fabric)
         if fabric.remembers and not self.finite:
             what = "shear_friction" if fabric.shear_viscosity is None else "shear_viscosity"
             problems.append(f"fabric.{what} needs test.finite = true")
@@ -267,6 +338,18 @@ class PullTable(TestTable):
     """By which the upper edge is pulled, one value or a list. Either this or load."""
     load: Forces | None = None
     """Force on the upper edge, one value or a list. Either this or extension."""
+
+
+def _check_slip(fabric: Fabric) -> Iterator[str]:
+    """Problems of a fabric whose yarns are to slide."""
+    because = "the length of a yarn that slides has no strain in common with those it crosses"
+    if fabric.biaxial_law is not None:
+        yield f"test.slip needs a fabric without a biaxial law of tension: {because}"
+        return
+    for side in ("warp", "weft"):
+        poisson = getattr(fabric, side).poisson
+        if poisson != 0.0:
+            yield f"test.slip needs fabric.{side}.poisson = 0, got {poisson:g}: {because}"
 
 
 def check_viscosity(fabric: Fabric, temperature: Quantity | None, key: str) -> Iterator[str]:

@@ -231,6 +231,12 @@ class Blank:
         state = State(self.nodes.rest, hold, factors=self.factors)
         return replace(state, memory=self.model.accepted(state))
 
+    def area_of_nodes(self) -> np.ndarray:
+        """Area that each node stands for, (n_local,), m^2; none of tools."""
+        area = np.zeros(self.nodes.num_nodes_local)
+        area[self.cloth_at[self.touching]] = self.area
+        return area
+
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""
         return cast(State, part_of(state, self.cloth_at))

@@ -403,7 +403,12 @@ class Forming:
         """
         try:
             formed = form(
-                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+                self.blank,
+                self.plans,
+                options=self.options,
+                accepted=accepted,
+                keeper=keeper,
+                modes=self.test.stability.modes if self.test.stability else 0,
             )
             return replace(formed, of=self)
         except EquilibriumError as error:

@@ -149,6 +149,13 @@ class ClampTable(Table):
         return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides, lift=lift)
 
 
+class SoftestTable(Table):
+    """[test] stability of a forming (docs/stability.md)."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are looked for, of the last step."""
+
+
 class FormingTable(KindTable):
     """A blank of cloth laid on tools, held and pressed by them, stage by stage."""
 
@@ -168,6 +175,9 @@ class FormingTable(KindTable):
     temperature: Annotated[Quantity, Of("K")] | None = None
     """Of the cloth, for fabric.shear_viscosity; by default that of its measurement. Stages may have
     their own."""
+    stability: SoftestTable | None = None
+    """Tell the lowest stiffness of each step, and the softest shape at the end.
+    Example: `{ modes = 1 }`"""
     contact: ContactTable = ContactTable()
     """Compaction, elastic slip and viscosity, where they shall be others than the program's.
     Example: `{ stiffness = "20 kPa/mm" }`"""

@@ -103,6 +103,7 @@ class TrussPly(Ply):
         between[nodes.of_network_node[shared]] = True
         self.between = nodes.halo.share(between, np.logical_or)
         self.active &= ~self.between
+        self.further = []  # cloth that twists does so by yarns that bend
         self.truss = Truss(self)
 
     def _nodes(self) -> Nodes:

@@ -168,6 +168,11 @@ def table_of(
             ]
     for edge in drawn[-1] if drawn else ():
         columns[f"draw_in_{edge}_mm"] = [MM * of[edge] for of in drawn]
+    if any(step.softest is not None for step in steps):
+        column = quantity("lowest_stiffness_Pa_per_mm")
+        columns[column.column] = [
+            np.nan if step.softest is None else step.softest / column.scale for step in steps
+        ]
     columns["newton_iterations"] = [step.increment.iterations for step in steps]
     columns["seconds"] = [step.increment.seconds for step in steps]
     return columns
@@ -239,6 +244,7 @@ def summarize(
         "penetration_max_mm": MM * deepest,
         **Waves.of(blank, state).figures(blank, fields),
         "energy_j": energy,
+        **({} if last.softest is None else {"lowest_stiffness_pa_per_mm": 1e-3 * last.softest}),
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
         **forming.figures(formed),
@@ -435,10 +441,25 @@ def figures_of(
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
         **_flat_maps(forming, last, height, title),
+        **_modes(forming, formed, title),
         **_wrinkles(forming, last, height, title),
         **(_shadow(forming, formed, title) if isinstance(forming, Drape) else {}),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
+
+
+def _modes(forming: Forming, formed: Formed, title: str) -> dict[str, partial[Figure]]:
+    """The softest shapes of the last state, on the flat blank. Collective."""
+    if formed.modes is None:
+        return {}
+    at = forming.blank.cloth_at[forming.blank.ply.nodes.of_hinge]
+    sizes = {
+        f"mode {i}": np.linalg.norm(shape[at], axis=1)
+        for i, shape in enumerate(formed.modes.shapes, 1)
+    }
+    sample: Any = sample_map(forming.network, sizes)  # on rank 0, which draws it
+    label, text = "displacement, size (largest: 1)", f"{title}\nsoftest shapes at the end".strip()
+    return {"mode.png": partial(pictures.maps, sample, label, text)}
 
 
 def curves_of(

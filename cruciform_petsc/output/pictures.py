@@ -61,6 +61,7 @@ MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 SIZE_LABEL = "shear angle, absolute (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
+MILLISECONDS, DPI_ANIMATED = 400, 80  # of each picture of an animation
 FLAT = 3.0  # width over height of specimens that are drawn one below the other
 _new_figure: ContextVar[Callable[..., Any] | None] = ContextVar("_new_figure", default=None)
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
@@ -122,6 +123,30 @@ def figure_of(**options: Any) -> Figure:
     return (_new_figure.get() or Figure)(**options)
 
 
+def save_animation(path: str | Path, figures: Iterable[Figure]) -> None:
+    """Write figures of one size, the last of which has all colours, as a GIF that repeats.
+
+    Not collective; to be called, as figures are drawn, in rc_context(STYLE).
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    pages = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        figure.set_dpi(DPI_ANIMATED)
+        wrap_titles(figure)
+        canvas.draw()
+        pages.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+    palette = pages[-1].quantize()  # one for all: each has the colour bar
+    pages = [page.quantize(palette=palette) for page in pages]
+    pause = [MILLISECONDS] * (len(pages) - 1) + [3 * MILLISECONDS]
+    with written_whole(path) as temporary:
+        pages[0].save(
+            temporary, format="GIF", save_all=True, append_images=pages[1:], duration=pause, loop=0
+        )
+
+
 def wrap_titles(figure: Figure, of: Iterable[Axes] | None = None) -> None:
     """Break titles that are wider than what they stand over: axes, or the whole figure.
 
@@ -153,20 +178,22 @@ def yarns(
     before: bool = True,
     label: str = ANGLE_LABEL,
     ax: Given = None,
+    among: Sequence[tuple[str, YarnSample, np.ndarray]] | None = None,
 ) -> Figure:
     """Draw yarns in the colours of their values, side by side in true scale: figures 6 and 9b.
 
     Each panel has its title and clamps: segments (n, 2, 2) with the cloth on their left, drawn as
     hatched bars. ``before``: the yarns at rest too, thin and grey. ``label`` tells what the values
-    are; they have one colour scale.
+    are; they have one colour scale. ``among``: panels that have it, and their place, in common.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    samples = [sample for _, sample, _ in panels]
+    every = panels if among is None else among
+    samples = [sample for _, sample, _ in every]
     points = [s.after for s in samples] + [s.before for s in samples if before]
     thickness = bar_width(*bounds(points))
+    points += [bar_corners(clamps, thickness).reshape(-1, 2) for _, _, clamps in every]
     bars = [bar_corners(clamps, thickness) for _, _, clamps in panels]
-    points += [corners.reshape(-1, 2) for corners in bars]
     figure, axes, points_per_metre = _panels(*bounds(points), [name for name, _, _ in panels], ax)
     colours = colour_scale([sample.values for sample in samples])
     for panel, (_, sample, clamps), corners in zip(axes, panels, bars, strict=True):
@@ -192,9 +219,9 @@ def yarns(
             panel.add_collection(edges)
     colour_bar(axes, colours, label)
     head(axes, title, ax)
-    every = max(sample.every for sample in samples)
-    if every > 1:
-        note = f"1 in {every} yarns drawn"
+    drawn = max(sample.every for sample in samples)
+    if drawn > 1:
+        note = f"1 in {drawn} yarns drawn"
         own: dict[str, Any] = {"transform": axes[0].transAxes} if ax is not None else {}
         (figure if ax is None else axes[0]).text(
             0.01, -0.01, note, fontsize=9, color="0.4", va="top", **own
@@ -331,9 +358,9 @@ def head(axes: Sequence[Axes], title: str, ax: Given = None) -> None:
 
 
 def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates of arrays of points (n, d)."""
+    """Lowest and highest coordinates of arrays of points (n, d), NaN left out."""
     together = np.concatenate(list(points))
-    return together.min(axis=0), together.max(axis=0)
+    return np.nanmin(together, axis=0), np.nanmax(together, axis=0)
 
 
 # -- colours ------------------------------------------------------------------------------------

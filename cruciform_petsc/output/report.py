@@ -73,6 +73,7 @@ FORMING_CAPTIONS = {
     "stages.png": "On the way there, in true scale and with one colour scale.",
     "shear_map.png": "Shear angle {at}, with its sign, drawn on the flat blank.",
     "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
+    "mode.png": "Softest shapes of the cloth among its tools at the end; their size is arbitrary.",
 }
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row

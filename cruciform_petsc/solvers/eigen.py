@@ -71,6 +71,8 @@ def largest(a: PETSc.Mat, s: PETSc.Mat, factor: Factor, count: int) -> tuple[np.
         On every rank.
     """
     count = min(count, s.getSize()[0])
+    if a.norm() == 0.0:
+        return np.zeros(count), np.zeros((count, s.getLocalSize()[0]))
     try:
         from slepc4py import SLEPc  # type: ignore[import-untyped]
     except ImportError:

@@ -15,7 +15,7 @@ from cruciform_petsc.experiments.registry import KINDS, forms, kind_class
 from cruciform_petsc.fields import tables_in
 
 NOT_FOR_FORMING = {"scene", "measured", "measured_columns"}
-NOT_FOR_FLAT = {"part_outline", "animation"}
+NOT_FOR_FLAT = {"part_outline"}
 SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
 
 

@@ -104,6 +104,12 @@ def test_beside_the_library_and_a_data_sheet():
     fabric = Fabric.from_library("glass-pp-plain-1.93", {"tension": {"crimp": CRIMPED}})
     assert fabric.biaxial_law.data[1] == pytest.approx(1 / 193.0)
     assert fabric.c11 == pytest.approx(fabric.biaxial_law.stiffness0[0])
+    table = FabricTable.from_data(
+        {"use": "glass-pp-plain-1.93", "tension": {"crimp": CRIMPED}}, "fabric"
+    )
+    told = table.filled_in()
+    assert told[0].startswith("fabric.tension.crimp: the warp is crimped by 0.0745 %")
+    assert not any("modulus" in sentence or "poisson" in sentence for sentence in told)
     yarn = {"linear_density": "300 tex", "yarns": "4 /cm", "crimp": "0 %"}
     sheet = {
         "warp": yarn, "weft": yarn, "fibre_modulus": "72 GPa", "fibre_density": "2.5 g/cm^3",

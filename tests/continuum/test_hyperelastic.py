@@ -126,7 +126,10 @@ def density(fabric: Fabric, preform: Preform, gradient: np.ndarray) -> float:
     size = np.array([np.linalg.norm(a), np.linalg.norm(b)])
     gamma = np.pi / 2 - np.arccos(a @ b / size.prod())
     if fabric.biaxial_law is not None:
-        return float(fabric.tension(size)[0] + fabric.shear.evaluate(gamma)[0])
+        e = np.log(size) if fabric.log_strain else size - 1.0
+        soft = (fabric.compression, fabric.compression_width)
+        tension = fabric.biaxial_law.evaluate(*e, *soft)[0]
+        return float(tension + fabric.shear.evaluate(gamma)[0])
     e = fabric.effective_strain(size)[0]
     laws = (fabric.warp_tension, fabric.weft_tension, fabric.shear)
     w = [float(law.evaluate(x)[0]) for law, x in zip(laws, (*e, gamma), strict=True)]

@@ -14,16 +14,18 @@ from support.finite import Cloth
 from cruciform_petsc import Fabric, Network, OffAxisTension, PictureFrame, Preform, YarnFamily
 from cruciform_petsc.equilibrium.newton import Equilibrium
 from cruciform_petsc.equilibrium.stability import Stability
+from cruciform_petsc.experiments.finite import FiniteTest
 from cruciform_petsc.items.loads import PressureAbove
 from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.solvers.eigen import Factor, largest
 
 RIGIDITY, LENGTH, STIFF = 1e-3, 0.1, 4e5
 
 
-def cloth_of(pitch, out_of_plane=(RIGIDITY, RIGIDITY), shear=1e3):
+def cloth_of(pitch, out_of_plane=(RIGIDITY, RIGIDITY), shear=1e3, twisting=0.0):
     """Stiff in tension, no Poisson; yarns stiff enough in the plane not to kink there first."""
     warp, weft = (YarnFamily(STIFF, 0.0, 1 / pitch, 1e-4, b) for b in out_of_plane)
-    return Fabric("cloth", warp, weft, shear)
+    return Fabric("cloth", warp, weft, shear, out_of_plane_twisting=twisting)
 
 
 def strip(n, **keys):
@@ -115,14 +117,38 @@ def test_without_torsional_rigidity_bending_comes_first():
     assert abs(twisted.sum()) < 1e-6 * abs(twisted).sum()
 
 
+def test_modes_do_not_depend_on_how_they_come():
+    """Eigenvectors have any sign and size, and any mixture of those of one eigenvalue will do."""
+    test = FiniteTest(OffAxisTension(strip(10), "-2 um", space=True, stability={"modes": 2}))
+    stability = Stability(test.model, test.ply.areas(1 / 3), 2)
+    start = test.at(0.0)
+    pushed = replace(start, x=start.x * [1.0, 1.0 - 1e-5, 1.0])
+    matrices = [test.model.stiffness(state)[0] for state in (start, pushed)]
+    factor = Factor(matrices[0])
+    change = matrices[0] - matrices[1]
+    ratios, vectors = largest(change, matrices[0], factor, 4)
+    assert ratios[0] == pytest.approx(ratios[1], rel=1e-9)
+    wanted = stability._modes(1 / ratios, vectors, 1e-5, start)
+    mixed = vectors.copy()
+    mixed[:2] = [[0.6, -3.0], [2.5, 0.5]] @ vectors[:2]
+    for other in (-vectors, mixed):
+        found = stability._modes(1 / ratios, other, 1e-5, start)
+        np.testing.assert_allclose(found.shapes, wanted.shapes, atol=1e-9)
+    alone = [stability._modes(np.arange(4.0), v, 1e-5, start).shapes for v in (vectors, -vectors)]
+    np.testing.assert_allclose(*alone, atol=1e-9)
+    assert wanted.shapes.max(axis=(1, 2)) == pytest.approx([1.0, 1.0], abs=1e-9)
+    for thing in (factor, change, *matrices, stability):
+        thing.destroy()
+
+
 # -- a panel in shear -----------------------------------------------------------------------------
 
 
-def ritz(rigidities, sides, n=12):
-    """Critical shear flow of a clamped plate that bends along x and y and does not resist twist.
+def ritz(rigidities, sides, n=12, twisting=0.0):
+    """Critical shear flow of a clamped plate that bends along x and y, and may resist twist.
 
     Ritz's method with (1 - s^2)^2 P_i(s) in both directions: stationary values of
-    int D_1 w_xx^2 + D_2 w_yy^2 + 2 N w_x w_y.
+    int D_1 w_xx^2 + D_2 w_yy^2 + (D_1 + D_2) t w_xy^2 + 2 N w_x w_y.
     """
     s, weight = legendre.leggauss(n + 8)
     clamp = Polynomial([1, 0, -2, 0, 1])
@@ -131,6 +157,8 @@ def ritz(rigidities, sides, n=12):
     m, c, k = f * weight @ f.T, df * weight @ f.T, ddf * weight @ ddf.T
     (a, b), (d1, d2) = 0.5 * np.array(sides), rigidities
     stiffness = d1 * b / a**3 * np.kron(k, m) + d2 * a / b**3 * np.kron(m, k)
+    slope = df * weight @ df.T
+    stiffness += twisting * (d1 + d2) / (a * b) * np.kron(slope, slope)
     geometric = np.kron(c, c.T)
     return 1.0 / eigh(-geometric - geometric.T, stiffness, eigvals_only=True)[-1]
 
@@ -166,19 +194,24 @@ def test_the_series_itself():
     assert strip == pytest.approx(4 * 15.07, rel=1e-3)
     long = ritz((1.0, 1.0), (5.0, 1.0), 20)
     assert strip < long < 1.03 * strip
+    # An isotropic square: 14.71 pi^2 D/b^2 (Timoshenko and Gere), from above, by fewer terms.
+    square = ritz((1.0, 1.0), (1.0, 1.0), twisting=1.0)
+    assert 0.99 * 14.71 * np.pi**2 < square < 14.71 * np.pi**2
     # Scaled along x, a panel is another one of another rigidity.
     assert ritz((16.0, 1.0), (2.0, 1.0)) == pytest.approx(2.0 * ritz((1.0, 1.0), (1.0, 1.0)))
 
 
-def sheared(n, rigidities=(RIGIDITY, RIGIDITY), across=1.0):
+def sheared(n, rigidities=(RIGIDITY, RIGIDITY), across=1.0, twisting=0.0):
     """Critical shear flow of a panel in a picture frame over that of the series."""
     pitch = LENGTH / n
     preform = Preform.rectangle(across * LENGTH, LENGTH, 0.0)
-    network = Network(MPI.COMM_SELF, preform, cloth_of(pitch, rigidities))
+    cloth = cloth_of(pitch, rigidities, twisting=twisting)
+    network = Network(MPI.COMM_SELF, preform, cloth)
     test = PictureFrame(network, "0.1 deg", space=True, stability={})
     critical = test.solve().buckling.linear[0]
     flow = 1e3 * critical.control  # G gamma
-    return flow / ritz(rigidities[::-1], (across * LENGTH, LENGTH)) - 1.0  # the warp runs along y
+    # The warp runs along y.
+    return flow / ritz(rigidities[::-1], (across * LENGTH, LENGTH), twisting=twisting) - 1.0
 
 
 def test_sheared_panel():
@@ -191,6 +224,11 @@ def test_sheared_panel():
 def test_sheared_panel_of_two_rigidities():
     """The warp four times as stiff, twice as long as wide: which is which shows."""
     assert abs(sheared(16, (4e-3, 1e-3), 0.5)) < 1e-2
+
+
+def test_sheared_panel_that_resists_twist():
+    """Like a sheet that bends alike in all directions: half as much again."""
+    assert abs(sheared(16, twisting=1.0)) < 1.2e-2
 
 
 # -- a tube under pressure from outside -----------------------------------------------------------

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from support.forming import CASE
 from support.helpers import DIAGONAL, TABLE_1, UNEVEN, diagonals, l_shape
 
-from cruciform_petsc import BiasExtension, Case, Network, PictureFrame, Preform
+from cruciform_petsc import BiasExtension, Case, Network, OffAxisTension, PictureFrame, Preform
 from cruciform_petsc.items.truss import TrussPly
 from cruciform_petsc.net.edges import Constraints
 
@@ -63,6 +63,18 @@ def test_bias_extension():
     assert two.shear_angle_centre == pytest.approx(one.shear_angle_centre, rel=0.01)
     assert two.experiment.bending is False
     assert two.energies()["bending"][-1] == 0.0
+
+
+def test_pulled_along_the_warp():
+    """E_w per width, whatever Poisson's ratio is: bars do not couple.
+
+    Diagonals are stretched, too, and take up to G/E, here 0.23 %, of the load.
+    """
+    pitch = 1 / np.array([UNEVEN.warp.yarns, UNEVEN.weft.yarns])
+    width, length = 4 * pitch[0], 8 * pitch[1]
+    network = Network(COMM, Preform.rectangle(width, length, 0.0), UNEVEN)
+    result = OffAxisTension(network, 1e-3 * length, model="truss").solve()
+    assert result.load == pytest.approx(60e3 * 1e-3 * width, rel=140 / 60e3)
 
 
 def test_forming():

@@ -112,6 +112,8 @@ DEAD = {"kind": "cantilever", "load": ["1e-4 N", "3e-4 N"], "increments": 4}
 TRUSS = {"kind": "bias-extension", "extension": "3 mm", "increments": 4, "model": "truss"}
 TWICE = {"kind": "bias-extension", "extension": ["1 mm", "1 mm", "2 mm"], "increments": 3}
 TWICE_BY_LOAD = {"kind": "bias-extension", "load": ["0.1 N", "0.1 N", "0.15 N"]}
+SLIP = {"kind": "bias-extension", "extension": ["2 mm", "3 mm", "2.5 mm"], "increments": 4,
+        "slip": {"force": "0.01 N"}}  # fmt: skip
 # Shear that flows and rubs, and remembers.
 CYCLE = {
     "kind": "bias-extension", "extension": ["2 mm", "0.5 mm", "2 mm"], "increments": 6,
@@ -126,6 +128,7 @@ KINDS = {
     "turning grips": (FRAME, "0 deg"),
     "free ends": (FREE, "30 deg"),
     "dead load": (DEAD, "0 deg"),
+    "yarns that slide": (SLIP, "45 deg"),
     "truss": (TRUSS, "45 deg"),
     "shear with a memory": (CYCLE, "45 deg", RESISTS),
 }

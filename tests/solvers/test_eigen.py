@@ -66,6 +66,18 @@ def test_largest(backend):
     np.testing.assert_allclose(values, wanted, rtol=1e-7)
 
 
+def test_of_nothing(backend):
+    """No ratio but zero."""
+    s = matrix(symmetric(np.linspace(1.0, 3.0, SIZE)))
+    nothing = s.duplicate()
+    nothing.zeroEntries()
+    factor = Factor(s)
+    values, vectors = largest(nothing, s, factor, 3)
+    factor.destroy()
+    assert (values == 0.0).all()
+    assert vectors.shape == (3, SIZE)
+
+
 def test_negative_eigenvalues_are_counted():
     """Sylvester's law of inertia."""
     factor = Factor(matrix(symmetric(np.linspace(-7.5, 52.5, SIZE + 1)[:SIZE])))
