@@ -76,20 +76,14 @@ class Twist(Item):
             each = 0.5 * (area / np.maximum(joints, 1.0))[pair].sum(axis=0)
             along = np.concatenate([pair.T, crossing[0], crossing[1]], axis=1)
             length = np.linalg.norm(nodes.rest[pair[1]] - nodes.rest[pair[0]], axis=1)
-            # A yarn that crosses on a plane of symmetry goes on as its mirror image: with that its
-            # chord stands on the plane.
-            cut = np.zeros(nodes.num_nodes_local, bool)
+            # On a plane of symmetry crossing yarns go on as their mirror images, straight through
+            # it: along a yarn that lies there nothing twists.
             ends = at_plane & (arms == 0)
+            cut = np.zeros(nodes.num_nodes_local, bool)
             cut[hinge] = ends[:, 1 - family] | ends[:, 3 - family]
-            nodes.halo.forward(cut)
-            normal = ply.arm_directions[1 - family]
-            straight = np.where(
-                cut[pair.T][..., None, None], normal[:, None] * normal, np.eye(ply.dim)
-            )
-            parts.append((along, each, length, straight))
-        joined, each, length, self._straight = (
-            np.concatenate(part) for part in zip(*parts, strict=True)
-        )
+            free = ~nodes.halo.forward(cut)[pair].any(axis=0)
+            parts.append((along[free], each[free], length[free]))
+        joined, each, length = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.nodes = joined.astype(np.int32)
         across = [
             np.linalg.norm(nodes.rest[joined[:, p]] - nodes.rest[joined[:, q]], axis=1)
@@ -102,19 +96,9 @@ class Twist(Item):
         """See Item.work."""
         x, scale = state.x[self.nodes[rows]], self._scale[rows]
         area, length = self._area[rows], self._length[rows]
-        straight = self._straight[rows]
         t, a, b = (scale[:, k, None] * (x[:, p] - x[:, q]) for k, (p, q) in enumerate(_ENDS))
-        a, b = (np.einsum("nij,nj->ni", straight[:, k], v) for k, v in enumerate((a, b)))
         energy, force, stiffness = room(len(x), 1, 6, 3, level)
         s, first, second = _twist(t, a, b, level)
-        for k in (1, 2):
-            if level >= FORCE:
-                first[:, k] = np.einsum("nij,nj->ni", straight[:, k - 1], first[:, k])
-            if level >= STIFFNESS:
-                second[:, k] = np.einsum("nij,njkl->nikl", straight[:, k - 1], second[:, k])
-                second[:, :, :, k] = np.einsum(
-                    "nkij,njl->nkil", second[:, :, :, k], straight[:, k - 1]
-                )
         # By kappa = s/L; laws are of its size.
         kappa = s / length
         laws = [law.evaluate(abs(kappa)) for law in self._laws]
