@@ -35,6 +35,7 @@ FINITE = {
 }
 FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "three_corners",
+    "fishnet",
 }  # fmt: skip
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
@@ -228,6 +229,20 @@ def test_drape(tmp_path):
     area = shapely.Polygon(np.column_stack([table["x_mm"], table["y_mm"]])).buffer(0).area
     disc = np.pi * 90.0**2
     assert 0.1 < (area - disc) / (np.pi * 150.0**2 - disc) < 0.6
+
+
+def test_fishnet(tmp_path):
+    """Where the double dome shears most is told: at its ends, the same on one rank and two."""
+    alone, both = run("fishnet", 1, tmp_path / "1"), form("fishnet", 2, tmp_path / "2")
+    assert alone["shear_max_deg"] == pytest.approx(45.7, abs=0.1)
+    assert both["shear_max_deg"] == pytest.approx(alone["shear_max_deg"], rel=1e-9)
+    x, y = np.abs(alone["shear_max_at_mm"]["flat"])
+    assert (x, y) == pytest.approx((91.67, 391.67), abs=0.1)
+    assert alone["fishnet"]["seed_mm"] == [0.0, 0.0]
+    # An inextensible yarn of 250 mm across it ends where that of a forming is held against.
+    assert short_half_axis(tmp_path / "1") == pytest.approx(189.0, abs=0.5)
+    for name in ("formed.png", "shear_map.png", "report.html", "outline.svg"):
+        assert (tmp_path / "1" / name).stat().st_size > 1000
 
 
 def test_three_corners(tmp_path):

@@ -25,6 +25,8 @@ from ..experiments.experiment import Experiment  # starts PETSc: here, on all ra
 from ..experiments.registry import every_table, kind_class, pick_table
 from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
+from ..forming.draping import Draping
+from ..forming.fishnet_table import FishnetTable
 from ..forming.kind import Forming
 from ..forming.table import (
     ClampTable,
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 # A key as `--set` has it: tables' names, and numbers of those in a list, from zero as in sentences.
 _PART = r"[\w-]+(?:\[\d{1,4}\])*"
 KEY = rf"\s*{_PART}\s*(?:\.\s*{_PART}\s*)*"
+IN_SPACE = ("forming", "fishnet")  # kinds that lay cloth on tools
 _KEYS = re.compile(r"([\w-]+)|\[(\d+)\]")
 
 
@@ -156,7 +159,7 @@ class Case(Table):
     def _ladder_asks_for_small(cls, data: Any) -> Any:
         match data:
             case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
-                if not others.get("second_gradient") and test.get("kind") != "forming":
+                if not others.get("second_gradient") and test.get("kind") not in IN_SPACE:
                     return data | {"test": small_unless_told(test)}
         return data
 
@@ -228,8 +231,13 @@ class Case(Table):
         return kind(network, **given, options=self.solver.options)
 
     def forming(self, network: Network) -> Forming:
-        """Make the forming of the case's network, with its tools and stages. Collective."""
+        """Make the forming of the case's network, with its tools and stages. Collective.
+
+        Or the fishnet, which is a Forming without stages.
+        """
         given = {key: value for key, value in self.test if key != "kind"}
+        if isinstance(self.test, FishnetTable):
+            return Draping(network, self.tools, **given, options=self.solver.options)
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
@@ -272,6 +280,7 @@ class Case(Table):
         """Check what no single table can know."""
         problems = Problems()
         forming = isinstance(self.test, FormingTable)
+        fishnet = isinstance(self.test, FishnetTable)
         if forming:
             with problems.caught():
                 check_stages(self.test, self.tools, self.stages, self.clamps)
@@ -279,23 +288,27 @@ class Case(Table):
             for key, told in (
                 ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
             ):  # fmt: skip
-                if told:
+                if told and not (fishnet and key == "tool"):
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
+        if isinstance(self.test, FishnetTable):
+            with problems.caught():
+                self.test.check_one(self.tools)
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
             ("continuum.compare", self.continuum.compare and not forming),
             ("continuum.second_gradient", forming and self.continuum.second_gradient),
-            ("output.exports", self.output.exports and not forming),
-            ("output.scene", forming and self.output.scene),
-            ("output.measured", forming and self.output.measured is not None),
+            ("output.exports", self.output.exports and not (forming or fishnet)),
+            ("output.scene", (forming or fishnet) and self.output.scene),
+            ("output.measured", (forming or fishnet) and self.output.measured is not None),
+            ("continuum.ladder", fishnet and self.continuum.ladder),
         ):
-            if on and forming:
-                problems.append(f"{key} is not for forming, leave it out")
+            if on and (forming or fishnet):
+                problems.append(f"{key} is not for {self.test.kind}, leave it out")
             elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
-        coarse = self.preform_table.yarns_per_cruciform > 1 and not forming
+        coarse = self.preform_table.yarns_per_cruciform > 1 and not (forming or fishnet)
         if self.continuum.ladder is not None and coarse:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
@@ -305,7 +318,7 @@ class Case(Table):
             problems.append("output.animation is for a forming, leave it out")
         part = self.output.part
         if part is not None:
-            if not forming:
+            if not (forming or fishnet):
                 problems.append("output.part_outline is for a forming, leave it out")
             elif not part.is_valid:
                 problems.append("output.part_outline crosses itself, or its holes do not fit in it")
@@ -325,6 +338,8 @@ class Case(Table):
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")
+            if self.test.fishnet is not None:
+                problems.append("test.fishnet is not for a forming with a membrane beside it")
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float

@@ -23,6 +23,7 @@ KINDS: dict[str, str | type] = {
     "cantilever": "cantilever.Cantilever",
     "pantograph": "pantograph.Pantograph",
     "forming": ".forming.kind.Forming",
+    "fishnet": ".forming.draping.Draping",
 }
 DEFAULT = "bias-extension"
 

@@ -28,6 +28,7 @@ from ..net.joined import JoinedNodes, ToolNodes
 from ..net.network import Network
 from ..parallel import most
 from ..tools.tool import Tool
+from .lay import Laid
 
 REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
@@ -103,6 +104,8 @@ class Blank:
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
     cuts : mapping, optional
         What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
+    laid : Laid, optional
+        Where it begins, on a tool; by default it is flat.
 
     Attributes
     ----------
@@ -116,6 +119,8 @@ class Blank:
         What acts on the cloth besides tools, clamps too.
     clamps : list of Clamp
     model : Model
+    is_laid : bool
+        Whether it begins laid on a tool.
     """
 
     def __init__(
@@ -131,6 +136,7 @@ class Blank:
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
         cuts: Mapping[str, shapely.Polygon] | None = None,
+        laid: Laid | None = None,
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -187,6 +193,9 @@ class Blank:
         items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+        self.is_laid, self._begin = laid is not None, self.nodes.rest.copy()
+        if laid is not None:
+            self._begin[self.cloth_at] = laid.on_nodes(network, ply.nodes)
 
     def _lay(self, bending: bool) -> Ply:
         """The cloth."""
@@ -214,11 +223,11 @@ class Blank:
         return Hold(nodes, self.nodes.frame[nodes], fixed, place, cloth.turn, rotations)
 
     def start(self) -> State:
-        """At rest, the tools where they start."""
+        """At rest, or laid on a tool, the tools where they start."""
         place = self.nodes.rest[self.tool_node]
         rotations = {tool.name: tool.start.turn for tool in self.tools}
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
-        state = State(self.nodes.rest, hold, factors=self.factors)
+        state = State(self._begin, hold, factors=self.factors)
         return replace(state, memory=self.model.accepted(state))
 
     def of_cloth(self, state: State) -> State:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import EquilibriumError, typed_before
 from ..parallel import least
+from ..quantities import length
 from .blank import Blank
 from .forming import Formed
-from .measures import length, narrowest
+from .measures import narrowest
 from .table import StageTable
 
 BACK = 2  # steps before the last one: where smaller steps are proposed to begin

@@ -21,13 +21,14 @@ from ..items.item import Item
 from ..items.loads import G, PressureAbove, Suction
 from ..items.ply import Ply
 from ..net.network import Network
-from ..parallel import least
+from ..parallel import least, most
+from ..quantities import length
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from .blank import Blank, ContactSettings, length_of
 from .failures import explain
+from .fishnet_table import Draped
 from .forming import Formed, FormingStep, form
-from .measures import length
 from .table import (
     PRESSURES,
     ClampTable,
@@ -43,10 +44,11 @@ COARSE = 1.25  # arms over a radius: beyond, the net cuts the corner
 FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
+OFF_PLANE = 1e-3  # of a pitch: by how much laid cloth may leave a plane of symmetry
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
 
 
-def _tables(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
+def tables_of(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
     """Tables, of which scripts may give plain data with numbers in SI."""
     return [
         table if isinstance(table, kind) else kind.from_data(table, f"{key}[{i}]", bare=True)
@@ -76,6 +78,8 @@ class Forming:
     tools : list of Tool
         Where they start.
     blank : Blank
+    draped : Draped or None
+        What it begins as, if it begins laid on a tool.
     plans : list of StagePlan
     remarks : list of str
         What of tools and blank is hardly meant.
@@ -89,6 +93,7 @@ class Forming:
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
+    draped: Draped | None = None
 
     def __init__(
         self,
@@ -104,15 +109,15 @@ class Forming:
         self.network, self.options, fabric = network, options or {}, network.fabric
         test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
-        tables = _tables(ToolTable, "tool", tools)
-        self.stages = _tables(StageTable, "stage", stages)
-        self.clamps = _tables(ClampTable, "clamp", clamps)
+        tables = tables_of(ToolTable, "tool", tools)
+        self.stages = tables_of(StageTable, "stage", stages)
+        self.clamps = tables_of(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
         check_stages(test, tables, self.stages, self.clamps)
         check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
-        self.tools = [self._make(table, folder) for table in tables]
+        self.tools = self._laid_on(tables, folder)
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
         grown = dict.fromkeys(self._preloads(), 1.0)
@@ -136,7 +141,12 @@ class Forming:
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
-        self.blank: Blank = self.lay(Blank, waves=(height, wave.seed) if height else None)
+        laid = None if self.draped is None else self.draped.laid
+        waves = (height, wave.seed) if height else None
+        self.blank: Blank = self.lay(Blank, waves=waves, laid=laid)
+        if self.draped is not None:
+            self.remarks += self.draped.remarks()
+            self._check_planes()
 
     def _load(self) -> float:
         """What pushes the blank as a whole at most: its weight, pressures; Pa."""
@@ -194,9 +204,45 @@ class Forming:
 
     # -- tools --------------------------------------------------------------------------------
 
+    def _laid_on(self, tables: Sequence[ToolTable], folder: Path) -> list[Tool]:
+        """The tools, after the cloth has been laid on one if it begins so."""
+        if self.test.fishnet is None:
+            return [self._make(table, folder) for table in tables]
+        table = self.test.fishnet
+        name = table.tool or next(iter(self.below))
+        number = next(k for k, tool in enumerate(tables) if tool.name == name)
+        first = self._make(tables[number], folder)
+        try:
+            below, gap = name in self.below, 0.5 * self.thickness
+            self.draped = table.lay(self.network, first, below, gap)
+        except InputError as error:
+            raise InputError(f"test.fishnet: {error}") from None
+        if self.draped.laid.limit:
+            raise InputError(
+                f"test.fishnet: {self.draped.laid.limit}; a forming can begin with all of the "
+                "cloth only: choose another seed, or a smaller blank"
+            )
+        return [
+            first if k == number else self._make(other, folder) for k, other in enumerate(tables)
+        ]
+
+    def _check_planes(self) -> None:
+        """Refuse a laid cloth that leaves planes of symmetry. Collective."""
+        state = self.blank.start()
+        hold = state.hold
+        gap = np.einsum("nij,nj->ni", hold.axes, hold.place - state.x[hold.nodes])
+        off = most(self.network.comm, abs(gap[hold.fixed]), 0.0)
+        if off > OFF_PLANE * float(self.network.pitch.min()):
+            raise InputError(
+                f"test.fishnet: the laid cloth leaves a plane of symmetry by {length(off)}: the "
+                'seed must lie there, and its yarns along it (generators = "upright", no turn)'
+            )
+
     def _points(self) -> np.ndarray:
         """Crossovers and arm ends of this rank where the blank lies, (n, 3), m."""
         net = self.network
+        if self.draped is not None:
+            return self.draped.laid.points
         flat = [net.crossover_position, net.node_position[: net.num_nodes_owned]]
         return np.pad(np.concatenate(flat), ((0, 0), (0, 1)), constant_values=0.5 * self.thickness)
 
@@ -342,7 +388,7 @@ class Forming:
 
     def check(self) -> list[str]:
         """What there is to say before anything is solved: where tools start, and their gaps."""
-        told = []
+        told = [] if self.draped is None else [self.draped.told()]
         for tool in self.tools:
             side = "below" if tool.name in self.below else "above"
             x, y, z = map(length, tool.start.place)

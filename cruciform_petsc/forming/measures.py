@@ -13,7 +13,7 @@ import shapely
 from ..equilibrium.state import State
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..units import format_si
+from ..quantities import length
 from .blank import Blank, push_name
 
 MOST_EDGES = 8  # of an outline with more, all are told as one
@@ -227,8 +227,3 @@ def yarn_directions(blank: Blank, state: State) -> tuple[np.ndarray, np.ndarray]
         along = t[:, family] - t[:, family + 2]
         wide[family, cruciforms.rows] = along / np.linalg.norm(along, axis=1)[:, None]
     return wide[0], wide[1]
-
-
-def length(value: float) -> str:
-    """Write a length [m] for people: four digits of it, down to nanometres."""
-    return format_si(float(f"{round(value, 9):.4g}") + 0.0, "m")

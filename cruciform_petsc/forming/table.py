@@ -22,6 +22,7 @@ from ..items.nodes import PlyNodes
 from ..tools.motion import Motion, Pose
 from ..tools.tool import Curve, Place, ToolTable, TurnTable, motion
 from ..units import Quantity, format_si
+from .fishnet_table import StartTable
 from .press import LARGEST_STEP, StagePlan
 
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
@@ -139,6 +140,9 @@ class FormingTable(KindTable):
     """Straight sides that lie in planes of symmetry, so that a half or a quarter does for the
     whole: x = 0 or y = 0 is there. Forces and energies are those of this part. Yarns must run along
     and across them. Example: `["left", "lower"]`"""
+    fishnet: StartTable | None = None
+    """Begin with the cloth laid on a tool as a net of yarns that keep their lengths.
+    Example: `{ seed = ["0 mm", "0 mm"] }`"""
     contact: ContactTable = ContactTable()
     """Compaction, elastic slip and viscosity, where they shall be others than the program's.
     Example: `{ stiffness = "20 kPa/mm" }`"""
@@ -310,6 +314,7 @@ def check_stages(
             problems.append(f'clamp[{i}].edge = "{edge}" lies in a plane of symmetry')
         elif edge in held[:i]:
             problems.append(f'clamp[{i}].edge = "{edge}" has another clamp, too')
+    problems += _laid_on(test, tools, stages, clamps)
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
@@ -348,6 +353,29 @@ def check_stages(
             problems.append(f"stage[{i}].remove: without any tool nothing holds the cloth's weight")
             break
     problems.tell()
+
+
+def _laid_on(
+    test: FormingTable,
+    tools: Sequence[ToolTable],
+    stages: Sequence[StageTable],
+    clamps: Sequence[ClampTable],
+) -> Iterator[str]:
+    """What does not go with a blank that begins laid on a tool, in sentences."""
+    if test.fishnet is None:
+        return
+    names, name = [tool.name for tool in tools], test.fishnet.tool
+    if clamps:
+        yield "test.fishnet: [[clamp]] holds edges of a flat blank, leave one of them out"
+    if test.symmetry and test.fishnet.least_energy is not None:
+        yield "test.fishnet.least_energy moves the seed, which test.symmetry holds: leave one out"
+    if name is not None and name not in names:
+        yield f"test.fishnet.tool: {unknown(f'tool {name!r}', name, names)}"
+    elif name is None and len(below_cloth(tools, stages)) != 1:
+        yield (
+            "test.fishnet.tool is missing, which tells what the cloth is laid on: one of "
+            f"{', '.join(names)}"
+        )
 
 
 def _across_planes(test: FormingTable, key: str, stage: StageTable) -> Iterator[str]:

@@ -27,6 +27,7 @@ from ..forming.measures import (
 )
 from ..forming.press import stage_number
 from ..forming.waves import Waves
+from ..net.network import Network
 from ..parallel import on_root
 from ..quantities import energy_unit, quantity
 from ..tools.motion import Pose
@@ -230,6 +231,8 @@ def summarize(
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
     }
+    if forming.draped is not None:
+        summary["fishnet"] = forming.draped.figures()
     if forming.test.symmetry:
         summary["symmetry"] = {
             "planes": list(forming.test.symmetry),
@@ -291,8 +294,11 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
 
     docs/files.md tells what the columns are.
     """
-    network = forming.network
-    columns = crossover_columns(forming, state)
+    write_columns(path, forming.network, crossover_columns(forming, state))
+
+
+def write_columns(path: Path, network: Network, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns at this rank's crossovers, (n_owned,) each, the last one whole. Collective."""
     number, rows = in_order(
         network.comm,
         network.crossover_number_global,
@@ -545,8 +551,11 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
 
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
-    mine = forming.network.comm.rank == 0
-    every = _tool_facets(forming, state, facets)
+    return tool_arrays(_tool_facets(forming, state, facets), forming.network.comm.rank == 0)
+
+
+def tool_arrays(every: Sequence[Facets], mine: bool) -> dict[str, np.ndarray]:
+    """Arrays of tools' triangles where they stand; none on a rank that has none of them."""
     points, triangles = _joined(every)
     number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:

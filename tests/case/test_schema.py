@@ -356,18 +356,18 @@ def test_bad_override(write, override):
             ["test.kind=bias"],  # nearer to "biaxial" by its letters
             'test.kind: there is no kind of test "bias" (did you mean "bias-extension"? known: '
             '"bias-extension", "picture-frame", "off-axis-tension", "biaxial", "cantilever", '
-            '"pantograph", "forming")',
+            '"pantograph", "forming", "fishnet")',
         ),
         (
             ["test.kind=bias-extention"],
             'test.kind: there is no kind of test "bias-extention" (did you mean "bias-extension"? '
             'known: "bias-extension", "picture-frame", "off-axis-tension", "biaxial", '
-            '"cantilever", "pantograph", "forming")',
+            '"cantilever", "pantograph", "forming", "fishnet")',
         ),
         (
             ["test.kind=[1]"],
             'test.kind: there is no kind of test "[1]" (known: "bias-extension", "picture-frame", '
-            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "forming")',
+            '"off-axis-tension", "biaxial", "cantilever", "pantograph", "forming", "fishnet")',
         ),
         (["test=[1]"], "test must be a table, got [1]"),
         (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cruciform_petsc.case.schema import Case
+from cruciform_petsc.case.schema import IN_SPACE, Case
 from cruciform_petsc.case.template import new_case, write_new_case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
@@ -15,6 +15,7 @@ from cruciform_petsc.experiments.registry import KINDS, kind_class
 from cruciform_petsc.fields import tables_in
 
 NOT_FOR_FORMING = {"scene", "measured", "measured_columns"}
+NOT_FOR_FISHNET = {*NOT_FOR_FORMING, "animation"}
 NOT_FOR_FLAT = {"part_outline", "animation"}
 SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
 
@@ -68,7 +69,8 @@ def test_all_keys_are_there(kind):
             if line.removeprefix("# ").partition(" = ")[0].isidentifier()
         )
     for name, (model, keys) in told.items():
-        left_out = NOT_FOR_FORMING if kind == "forming" else NOT_FOR_FLAT
+        left_out = NOT_FOR_FORMING if kind in IN_SPACE else NOT_FOR_FLAT
+        left_out = NOT_FOR_FISHNET if kind == "fishnet" else left_out
         left_out = left_out if name == "output" else set()
         several = set if name in ("tool", "stage") else sorted
         assert several(key for key in model.keys() if key not in left_out) == several(keys)  # noqa: SIM118
@@ -76,11 +78,11 @@ def test_all_keys_are_there(kind):
     own = {"directory", "finite", *kind_class(kind).table.own_keys()}  # these are the kind's
     for table in (case.preform_table, case.continuum, case.output, case.test):
         for key, field in type(table).model_fields.items():
-            if kind == "forming" and (
-                key in {*NOT_FOR_FORMING, "yarns_per_cruciform"} or table is case.continuum
+            if kind in IN_SPACE and (
+                key in {*NOT_FOR_FISHNET, "yarns_per_cruciform"} or table is case.continuum
             ):
                 continue
-            if kind != "forming" and key in NOT_FOR_FLAT:
+            if kind not in IN_SPACE and key in NOT_FOR_FLAT:
                 continue
             if key not in own and not field.is_required():
                 assert getattr(table, key) == field.default, key

@@ -97,7 +97,7 @@ def test_keys_are_arguments_and_mistakes_are_told(kind, tmp_path):
         with pytest.raises(InputError) as caught:
             Case.load(path, [change])
         assert str(caught.value) == message
-    with pytest.raises(InputError, match=r'test "drape" .*"forming", "leaning-pull"'):
+    with pytest.raises(InputError, match=r'test "drape" .*"forming", "fishnet", "leaning-pull"'):
         Case.load(path, ["test.kind=drape"])
 
 

@@ -12,7 +12,7 @@ from cruciform_petsc.cli import main
 from cruciform_petsc.experiments.registry import KINDS
 from cruciform_petsc.output.summary_keys import OTHERS, Summary
 
-FLAT = [kind for kind in KINDS if kind != "forming"]
+FLAT = [kind for kind in KINDS if kind not in ("forming", "fishnet")]
 
 
 def check(summary):
@@ -43,6 +43,14 @@ def test_forming(tmp_path):
     case = written(tmp_path)
     case.write_text(f"{CASE}[output]\npictures = false\n")
     assert main(["run", str(case), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    check(json.loads((tmp_path / "out" / "summary.json").read_text()))
+
+
+def test_fishnet(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(new_case("fishnet"))
+    words = ["--set", "output.pictures=false", "--output", str(tmp_path / "out"), "--quiet"]
+    assert main(["run", str(case), *words]) == 0
     check(json.loads((tmp_path / "out" / "summary.json").read_text()))
 
 
