@@ -58,8 +58,8 @@ def estimate(case: Case) -> list[Part]:
     if isinstance(test, FishnetTable):
         return [_fishnet(case, test)]
     if case.stages:
-        values = sum(stage.results for stage in case.stages)
-        steps = FORMING * sum(stage.steps for stage in case.stages)
+        values = sum(stage.results for stage in case.all_stages)
+        steps = FORMING * sum(stage.steps for stage in case.all_stages)
     else:
         values = len(test.values_si)
         steps = max(values, test.increments or 1) if test.finite else 1

@@ -537,6 +537,7 @@ class _FishnetRun(_Run):
             self.summary["ended_early"] = str(self.failure)
         self._open_checkpoint()
         with self.stages.stage("write", "results written"):
+            self._write_csv("curve.csv", draped.curve(self.summary))
             draped.write_fields(directory / "fields.csv", draping)
             for sentence in write_pattern(directory, draping, draping.state, log, case.output.part):
                 self.summary["warnings"].append(sentence)

@@ -34,6 +34,7 @@ from ..forming.table import (
     StageTable,
     check_pressure,
     check_stages,
+    laying_stages,
 )
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
@@ -241,6 +242,12 @@ class Case(Table):
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
+
+    @property
+    def all_stages(self) -> list[StageTable]:
+        """Stages of a forming, those in which its cloth is laid first."""
+        own = laying_stages(self.test) if isinstance(self.test, FormingTable) else []
+        return [*own, *self.stages]
 
     @property
     def second_gradient(self) -> bool:

@@ -30,6 +30,7 @@ from ..parallel import most
 from ..tools.tool import Tool
 from .lay import Laid
 
+SUMS = ("spent", "slid")  # of what items remember: what only grows
 REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
@@ -229,6 +230,21 @@ class Blank:
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
         state = State(self._begin, hold, factors=self.factors)
         return replace(state, memory=self.model.accepted(state))
+
+    def placed_anew(self, state: State, moved: np.ndarray) -> State:
+        """A state whose nodes ``moved``, bool (n_local,), remember but what they have spent.
+
+        Items keep what they remember of elements by their first node.
+        """
+        fresh, memory = self.model.accepted(replace(state, memory={})), {}
+        for item in self.model.items:
+            kept = dict(state.memory.get(item.name, {}))
+            for name, new in fresh.get(item.name, {}).items():
+                if name not in SUMS and name in kept:
+                    rows = moved[item.nodes[:, 0]].reshape(-1, *[1] * (new.ndim - 1))
+                    kept[name] = np.where(rows, new, kept[name])
+            memory[item.name] = kept
+        return replace(state, memory=memory)
 
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""

@@ -24,11 +24,16 @@ CURES = {
 
 
 def explain(
-    blank: Blank, stages: Sequence[StageTable], error: EquilibriumError, is_kept: bool
+    blank: Blank,
+    stages: Sequence[StageTable],
+    error: EquilibriumError,
+    is_kept: bool,
+    laying: int = 0,
 ) -> None:
     """Say in the error how far it came, which tools press where it stopped, and why. Collective.
 
     Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help.
+    The first ``laying`` stages are the program's own.
     """
     formed: Formed = error.result
     done = formed.steps[-1].increment.control if formed.steps else 0.0
@@ -48,10 +53,10 @@ def explain(
         "more room between tools that close on the cloth"
     )
     going_on = ""
-    if is_kept and error.reason != "CLOSED":
+    if is_kept and error.reason != "CLOSED" and number >= laying:
         count = len(formed.steps)
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
-        step = f"stage[{number}].step={0.5 * stages[number].largest_step:.3g}"
+        step = f"stage[{number - laying}].step={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
         going_on += " (and --output, where the run had it)"
     error.args = (
@@ -66,7 +71,8 @@ def _pressing(blank: Blank, formed: Formed, place: np.ndarray) -> str:
     if not formed.states:
         return ""
     state, rest = formed.states[-1], blank.ply.nodes.rest[blank.touching]
-    near = np.linalg.norm(rest - place, axis=1) < NEAR * blank.network.pitch.max()
+    away = np.linalg.norm(rest[:, :2] - place[:2], axis=1)  # at rest, which is flat
+    near = away < NEAR * blank.network.pitch.max()
     names = [
         contact.name
         for contact in blank.contacts

@@ -96,10 +96,10 @@ def march(
 
     Parameters
     ----------
-    start : float (3,)
-        At ``gap`` from the surface, m.
+    start : float (3,) or (m, 3)
+        Of all lines, or of each, m.
     along : float (m, 3)
-        Directions at the start, tangent to the surface.
+        Directions at the start; what points off the surface does not count.
     link : float (m,), m
     counts : m numbers of joints
     upright : float (3,), optional
@@ -110,7 +110,8 @@ def march(
     list of float (n, 3), m, the start first; shorter than asked where the surface ends
     """
     m = len(along)
-    lines, direction = [[start] for _ in range(m)], unit(np.asarray(along, float))
+    lines = [[point] for point in np.broadcast_to(start, (m, 3))]
+    direction = unit(np.asarray(along, float))
     across = None if upright is None else unit(np.cross(direction, upright))
     left = np.flatnonzero(np.asarray(counts) > 0)
     while len(left):
@@ -199,15 +200,19 @@ class Fishnet:
     def put(self, axis: int, sign: int, line: np.ndarray, needed: int) -> None:
         """Lay a generator, float (n, 3), from the seed along an axis: of it what the block has.
 
-        Where it is shorter than is ``needed``, it has come off the surface.
+        Joints that are laid already stay. Where it is shorter than is ``needed``, it has come off
+        the surface.
         """
         count = np.arange(max(len(line), needed + 1))
         joints = np.zeros((len(count), 2), np.int64)
         joints[:, axis] = sign * count
         here = ((joints >= self.first) & (joints < self.first + self.shape)).all(axis=1)
-        at = self.at(joints[here & (count < len(line))])
-        self.x[at], self.status[at] = line[count[here & (count < len(line))]], LAID
-        self.status[self.at(joints[here & (count == len(line))])] = OFF
+        rows = np.flatnonzero(here)
+        rows = rows[self.status[self.at(joints[rows])] == WAITS]
+        ends, rows = rows[rows == len(line)], rows[rows < len(line)]
+        at = self.at(joints[rows])
+        self.x[at], self.status[at] = line[rows], LAID
+        self.status[self.at(joints[ends])] = OFF
 
     def sweep(self, wanted: np.ndarray) -> int:
         """Lay what is wanted, bool (n0, n1), as far as joints before it are laid; how many were.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
@@ -35,14 +35,19 @@ Between = Annotated[
 Locking = Annotated[
     Quantity, Of("rad", good=lambda a: 0.0 < a <= LOCKED, wanted="above 0 deg and at most 89 deg")
 ]
+Pieces = Annotated[int, Field(ge=2, le=100)]
 Places = Annotated[int, Field(ge=1, le=100)]
 
 
 @dataclass(frozen=True)
 class Draped:
-    """What came of laying a network: it, from where, and what was sought for that, if anything."""
+    """What came of laying a network: it, from where, and what was sought for that, if anything.
+
+    ``first`` is the seed's crossover, int64 (2,).
+    """
 
     laid: Laid
+    first: np.ndarray
     seed: Seed
     search: Search | None
 
@@ -132,7 +137,7 @@ class LayTable(Table):
             limits = wanted.places, wanted.turn.si, wanted.shear.si
             found = search(network.comm, net, place_of(network, first), seed, *limits)
             first, seed = found.nearest(network)
-        return Draped(lay(network, first, seed, self.locking_angle.si), seed, found)
+        return Draped(lay(network, first, seed, self.locking_angle.si), first, seed, found)
 
     def _start(
         self, network: Network, tool: Tool, below: bool, gap: float
@@ -158,6 +163,20 @@ class StartTable(LayTable):
 
     tool: Name | None = None
     """On which; by default the only one that lies below the cloth. Example: `"die"`"""
+    pieces: Pieces | None = None
+    """Lay it row by row: so many pieces, from the seed outwards, each brought to equilibrium before
+    the next one is laid. Stages of their own before the first one. Example: `5`"""
+    press: Annotated[Quantity, Of("Pa")] | None = None
+    """What presses the cloth onto the tool from the start, as suction does, until a stage has
+    another suction; pieces need it. Example: `"5 kPa"`"""
+
+    @model_validator(mode="after")
+    def _both(self) -> StartTable:
+        if self.pieces is not None and self.press is None:
+            raise ValueError(".pieces need press, which holds those that are laid")
+        if self.pieces is not None and (self.warp_line or self.weft_line):
+            raise ValueError(".pieces go on straight: leave out warp_line and weft_line")
+        return self
 
 
 class FishnetTable(LayTable, KindTable):

@@ -103,11 +103,13 @@ def form(
     options: Mapping[str, object] | None = None,
     accepted: Callable[[FormingStep, State], None] | None = None,
     keeper: Keeper | None = None,
+    between: Callable[[State, int], State] | None = None,
 ) -> Formed:
     """Press a blank through stages. Collective.
 
     ``accepted`` is called with each step and its state; ``keeper`` keeps them, and if it has some
-    of a former run these come first, and the forming goes on from there.
+    of a former run these come first, and the forming goes on from there. ``between`` makes the
+    state that a stage, by its number from 1 on, begins with, of that before: cloth laid then.
 
     Raises
     ------
@@ -185,6 +187,15 @@ def form(
         if accepted is not None:
             accepted(done, state)
 
+    def begin(number: int, state: State) -> Path:
+        """How a stage begins; what is laid then has done no work on its way there."""
+        nonlocal last, pulls
+        new = state if between is None or number == len(plans) else between(state, number)
+        if new is state:
+            return Path([state], begin=float(number))
+        last, pulls = new, blank.pulls(new)
+        return Path([new], begin=float(number), allowed=FIRST_STEP * plans[number].step)
+
     try:
         # Laid cloth is in no equilibrium: it lets go in small steps, which grow where easy.
         path = Path([start], allowed=FIRST_STEP * plans[0].step if blank.is_laid else None)
@@ -207,7 +218,7 @@ def form(
                 earlier, pulls = [], blank.pulls(last)
         for number in range(int(path.begin), len(plans)):
             follow(equilibrium, press_at(number).stage(measure), path, take)
-            path = Path([path.state], begin=float(number + 1))
+            path = begin(number + 1, path.state)
     except CruciformError as error:
         equilibrium.destroy()  # only these are raised on every rank alike, as this needs
         if isinstance(error, EquilibriumError):

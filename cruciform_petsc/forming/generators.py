@@ -56,26 +56,26 @@ class Seed:
     lines: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
 
     @property
-    def _up(self) -> np.ndarray:
+    def upward(self) -> np.ndarray:
         """+z in the tool's frame."""
         return self.tool.start.vector_to_tool(np.array([0.0, 0.0, 1.0]))
 
     def on_tool(self) -> np.ndarray:
         """The place on the tool, in its frame, (3,), m; InputError if there is none."""
-        tool, way = self.tool, -self._up if self.below else self._up
+        tool, way = self.tool, -self.upward if self.below else self.upward
         there = tool.start.to_tool(np.append(self.place, 0.0))
         met = touch(tool.surface, there, way, self.gap)
         x, y = map(length, self.place)
         if met is None:
             raise InputError(f'tool "{tool.name}" is not met at x = {x}, y = {y}')
         point = there + met[0] * way
-        if abs(float(tool.surface.look(point[None])[1][0] @ self._up)) < STEEP:
+        if abs(float(tool.surface.look(point[None])[1][0] @ self.upward)) < STEEP:
             raise InputError(f'tool "{tool.name}" is too steep at x = {x}, y = {y}')
         return point
 
     def directions(self, point: np.ndarray) -> np.ndarray:
         """Of warp and weft, unit vectors in the tool's frame, (2, 3)."""
-        normal, up = unit(self.tool.surface.look(point[None])[1][0]), self._up
+        normal, up = unit(self.tool.surface.look(point[None])[1][0]), self.upward
         plan = np.array([math.cos(self.heading), math.sin(self.heading), 0.0])
         warp = self.tool.start.vector_to_tool(plan)
         warp = unit(warp - (warp @ normal) / (up @ normal) * up)
@@ -97,7 +97,7 @@ class Seed:
             np.concatenate([forward, -forward]),
             np.tile(link, 2),
             [0 if self.lines[k % 2] is not None else count for k, count in enumerate(counts)],
-            self._up if self.upright else None,
+            self.upward if self.upright else None,
         )
         for k, count in enumerate(counts):
             if self.lines[k % 2] is not None:
@@ -142,7 +142,7 @@ class Seed:
 
     def _dropped(self, points: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the lab where they fall on the tool, in its frame; else NaN."""
-        surface, way = self.tool.surface, -self._up if self.below else self._up
+        surface, way = self.tool.surface, -self.upward if self.below else self.upward
         low, high = surface.box
         size, middle = float(np.linalg.norm(high - low)), 0.5 * (low + high)
         points = self.tool.start.to_tool(points)

@@ -29,6 +29,7 @@ from .blank import Blank, ContactSettings, length_of
 from .failures import explain
 from .fishnet_table import Draped
 from .forming import Formed, FormingStep, form
+from .progressive import Rows
 from .table import (
     PRESSURES,
     ClampTable,
@@ -37,6 +38,7 @@ from .table import (
     below_cloth,
     check_pressure,
     check_stages,
+    laying_stages,
 )
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
@@ -118,9 +120,13 @@ class Forming:
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
         self.tools = self._laid_on(tables, folder)
+        self.rows = self._rows()
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
         grown = dict.fromkeys(self._preloads(), 1.0)
+        for i in range(0 if self.rows is None else len(self.rows.last)):
+            more = self.rows.factors(i) if self.rows else {}
+            self.plans[i] = replace(self.plans[i], factors={**self.plans[i].factors, **more})
         self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
@@ -155,7 +161,7 @@ class Forming:
             weight = G * self.network.fabric.needed("areal_density", "test.gravity = true")
         pushes = [(stage.pressure, stage.suction) for stage in self.stages]
         largest = max((abs(push.si) for both in pushes for push in both if push), default=0.0)
-        return largest + weight
+        return max(largest, *map(abs, self._pressed().values()), 0.0) + weight
 
     def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
         """A blank of a kind among the tools. Collective."""
@@ -168,13 +174,23 @@ class Forming:
             symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
-            factors=dict.fromkeys(PRESSURES, 0.0) | dict.fromkeys(self._preloads(), 0.0),
+            factors=dict.fromkeys((*PRESSURES, *self._preloads(), *self._held_back()), 0.0)
+            | self._pressed(),
             **further,
         )
 
+    def _pressed(self) -> dict[str, float]:
+        """What presses laid cloth onto its tool from the start, Pa, by name of its item."""
+        press = None if self.test.fishnet is None else self.test.fishnet.press
+        return {} if press is None else {"suction": press.si}
+
+    def _held_back(self) -> dict[str, shapely.Polygon]:
+        """What of the flat blank is laid before other rows, by what holds these back."""
+        return {} if self.rows is None else self.rows.cuts()
+
     def _cuts(self) -> dict[str, shapely.Polygon]:
         """What stays where stages trim the blank, by the factor that their plans send to 0."""
-        cuts, blank = {}, self.network.preform.outline
+        cuts, blank = self._held_back(), self.network.preform.outline
         for i, stage in enumerate(self.stages):
             if stage.trim is None:
                 continue
@@ -200,6 +216,7 @@ class Forming:
             "suction": lambda ply: Suction(ply, -1.0),
         }
         named = [key for key in make if any(getattr(s, key) is not None for s in self.stages)]
+        named += [key for key in self._pressed() if key not in named]
         return [make[key] for key in named]
 
     # -- tools --------------------------------------------------------------------------------
@@ -225,6 +242,21 @@ class Forming:
         return [
             first if k == number else self._make(other, folder) for k, other in enumerate(tables)
         ]
+
+    def _rows(self) -> Rows | None:
+        """Pieces that are laid one after the other, if they are; with stages of their own."""
+        table = self.test.fishnet
+        if table is None or table.pieces is None or self.draped is None:
+            return None
+        at, limit = self.draped, table.locking_angle.si
+        rows = Rows.of(self.network, at.first, at.seed, limit, table.pieces)
+        if len(rows.last) < table.pieces:
+            raise InputError(
+                f"test.fishnet.pieces = {table.pieces} is more than the {len(rows.last)} rows "
+                "that there are around the seed"
+            )
+        self.stages = [*laying_stages(self.test), *self.stages]
+        return rows
 
     def _check_planes(self) -> None:
         """Refuse a laid cloth that leaves planes of symmetry. Collective."""
@@ -398,6 +430,12 @@ class Forming:
             )
         return told
 
+    def _between(self, state: State, number: int) -> State:
+        """What a stage, by its number, begins with: rows laid anew. Collective."""
+        assert self.rows is not None
+        begins = 0 < number < len(self.rows.last)
+        return self.rows.next(self.blank, state, number) if begins else state
+
     def solve(
         self,
         accepted: Callable[[FormingStep, State], None] | None = None,
@@ -412,8 +450,14 @@ class Forming:
         """
         try:
             return form(
-                self.blank, self.plans, options=self.options, accepted=accepted, keeper=keeper
+                self.blank,
+                self.plans,
+                options=self.options,
+                accepted=accepted,
+                keeper=keeper,
+                between=self._between if self.rows is not None else None,
             )
         except EquilibriumError as error:
-            explain(self.blank, self.stages, error, keeper is not None)
+            laying = 0 if self.rows is None else len(self.rows.last)
+            explain(self.blank, self.stages, error, keeper is not None, laying)
             raise

@@ -10,6 +10,7 @@ A joint outside the outline (in a hole, in a corner) is laid where one of the cl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,29 +99,52 @@ def lay(network: Network, first: np.ndarray, seed: Seed, locking: float) -> Laid
 
     Raises InputError on every rank as Seed does.
     """
-    comm, tool = network.comm, seed.tool
-    reach = _reaches(network, first)
-    low, high = network.partition.box[comm.rank]
-    begin, shape = 2 * (low - first) - 1, 2 * (high - low) + 2
-    link = 0.5 * network.pitch
-    net = Fishnet(tool.surface, seed.gap, link, begin, shape, seed.below, locking)
-    counts = _counts(reach)
-    for k, line in enumerate(seed.generators(link, counts)):
-        net.put(k % 2, 1 if k < 2 else -1, line, counts[k])
-    wanted = _wanted(reach, begin, shape)
-    ghosts, halo = _ghosts(network, first, begin, shape, wanted)
-    mine = wanted.copy()
-    mine.reshape(-1)[ghosts] = False
-    x, status = net.x.reshape(-1, 3), net.status.reshape(-1)
-    while True:
-        done = net.sweep(mine)
-        if comm.size == 1:
-            break
-        for values in (x, status):
-            values[ghosts] = halo.to_ghosts(values[halo.exported])
-        if not comm.allreduce(done):
-            break
-    return _on_network(network, first, seed, net, mine)
+    block = Block(network, first, seed, locking)
+    block.put(seed.generators(block.net.link, block.counts))
+    block.sweep()
+    return block.result()
+
+
+class Block:
+    """The joints of this rank's part of a network. Collective, as are its methods.
+
+    Attributes
+    ----------
+    net : Fishnet
+    counts : list of int
+        Joints that generators need along warp and weft, and back.
+    """
+
+    def __init__(self, network: Network, first: np.ndarray, seed: Seed, locking: float):
+        self.network, self.first, self.seed = network, np.asarray(first, np.int64), seed
+        reach = _reaches(network, first)
+        low, high = network.partition.box[network.comm.rank]
+        begin, shape = 2 * (low - first) - 1, 2 * (high - low) + 2
+        surface, link = seed.tool.surface, 0.5 * network.pitch
+        self.net = Fishnet(surface, seed.gap, link, begin, shape, seed.below, locking)
+        self.counts = _counts(reach)
+        wanted = _wanted(reach, begin, shape)
+        self._ghosts, self._halo = _ghosts(network, first, begin, shape, wanted)
+        self._mine = wanted.copy()
+        self._mine.reshape(-1)[self._ghosts] = False
+
+    def put(self, lines: Sequence[np.ndarray]) -> None:
+        """Lay the generators, four float (n, 3), where nothing is laid yet. Not collective."""
+        for k, line in enumerate(lines):
+            self.net.put(k % 2, 1 if k < 2 else -1, line, self.counts[k])
+
+    def sweep(self) -> None:
+        """Lay all that can be."""
+        x, status = self.net.x.reshape(-1, 3), self.net.status.reshape(-1)
+        done = 1
+        while done:
+            for values in (x, status):
+                values[self._ghosts] = self._halo.to_ghosts(values[self._halo.exported])
+            done = self.network.comm.allreduce(self.net.sweep(self._mine))
+
+    def result(self) -> Laid:
+        """What was laid, on the crossovers of the network."""
+        return _on_network(self.network, self.first, self.seed, self.net, self._mine)
 
 
 def _reaches(network: Network, first: np.ndarray) -> dict[tuple[int, int], np.ndarray]:

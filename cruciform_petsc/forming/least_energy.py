@@ -29,7 +29,7 @@ from .lay import place_of, seed_crossover
 
 CELLS = 1500  # of a coarse net, about
 BEST = 3  # of the grid from which the search goes on
-TRIES = 120  # nets in each of these searches
+TRIES = 60  # nets in each of these searches
 NEAR = 1e-3  # of the blank's size, and in rad: where they end
 
 

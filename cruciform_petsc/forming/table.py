@@ -288,6 +288,15 @@ class StageTable(Table):
         return StagePlan(self.name, motions, forces, factors, self.results, self.largest_step)
 
 
+def laying_stages(test: FormingTable) -> list[StageTable]:
+    """Stages in which pieces of the cloth are laid, before those of the case."""
+    table = test.fishnet
+    if table is None or table.pieces is None:
+        return []
+    names = [f"lay {number}" for number in range(1, table.pieces + 1)]
+    return [StageTable(name=name) for name in names]
+
+
 def check_stages(
     test: FormingTable,
     tools: Sequence[ToolTable],
@@ -305,7 +314,7 @@ def check_stages(
         key = f'tool[{i}].name = "{name}"'
         if not re.fullmatch(r"\w(?:[\w -]{0,38}\w)?", name):
             problems.append(f'{key} must be of up to 40 letters, digits, "_", "-" and blanks')
-        elif name in TAKEN or name.startswith(("clamp ", "preload ", "trim ")):
+        elif name in TAKEN or name.startswith(("clamp ", "preload ", "rows ", "trim ")):
             problems.append(f"{key} is what the program calls something else, choose another")
         elif name in names[:i]:
             problems.append(f"{key} is another tool's name, too")

@@ -109,6 +109,22 @@ def write_fields(path: Path, draping: Draping) -> None:
     write_columns(path, draping.network, crossover_columns(draping))
 
 
+def curve(summary: Mapping[str, Any]) -> dict[str, list[float]]:
+    """Columns of curve.csv: one row of what sweeps and scripts read of a fishnet."""
+    net, at = summary["fishnet"], summary["shear_max_at_mm"]
+    row = {
+        "shear_max_deg": summary["shear_max_deg"],
+        "shear_p99_deg": summary["shear_p99_deg"],
+        "energy_shear_J": net["shear_energy_j"],
+        "warp_heading_deg": net["warp_heading_deg"],
+        "between_deg": net["between_deg"],
+        **{f"seed_{letter}_mm": v for letter, v in zip("xy", net["seed_mm"], strict=True)},
+        **{f"place_{letter}_mm": v for letter, v in zip("xyz", net["place_mm"], strict=True)},
+        **{f"shear_max_{letter}_rest_mm": v for letter, v in zip("xy", at["flat"], strict=False)},
+    }
+    return {name: [value] for name, value in row.items()}
+
+
 def write_series(directory: Path, draping: Draping, notes: Mapping[str, Any]) -> None:
     """Write series.vtkhdf, the cloth flat and laid, and tools.vtkhdf. Collective.
 

@@ -85,11 +85,11 @@ class Result:
     def last_state(self) -> dict[str, np.ndarray]:
         """Arrays of the last state, names and units as in docs/files.md.
 
-        Of a forming the columns of fields.csv; else the points of network.vtkhdf, crossovers and
-        then arm ends: ``points_m`` (n, 3) at rest, and all that is told of points. InputError if
-        the case did not ask for that file (output.paraview).
+        Of a forming, and a fishnet, the columns of fields.csv; else the points of network.vtkhdf,
+        crossovers and then arm ends: ``points_m`` (n, 3) at rest, and all that is told of points.
+        InputError if the case did not ask for that file (output.paraview).
         """
-        if self.kind == "forming":
+        if self.kind in ("forming", "fishnet"):
             return read_csv(self.folder / "fields.csv")
         import h5py
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from cruciform_petsc import Result
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
@@ -69,7 +70,11 @@ def test_what_it_leaves(run):
         "summary.json", "fields.csv", "outline.csv", "outline.svg", "net_pattern.csv", "cells.csv",
         "preform.inp", "series.vtkhdf", "tools.vtkhdf", "report.html", "run.log",
     }  # fmt: skip
-    assert not names & {"forces.csv", "checkpoint", "curve.csv"}
+    assert not names & {"forces.csv", "checkpoint"}
+    result = Result.load(run)
+    assert len(result.last_state()["shear_deg"]) == result.summary["crossovers"]
+    (shear,) = result.curve()["shear_max_deg"]
+    assert shear == pytest.approx(abs(result.last_state()["shear_deg"]).max())
     table = np.genfromtxt(run / "fields.csv", delimiter=",", names=True)
     place = np.column_stack([table[f"{letter}_mm"] for letter in "xyz"])
     np.testing.assert_allclose(

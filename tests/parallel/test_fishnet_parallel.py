@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from support.formed import cloth, network
+from support.forming import kept, same_end
+from support.laid import written
 
+from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
+from cruciform_petsc.forming.draping import Draping
 from cruciform_petsc.forming.fishnet_table import LayTable
+from cruciform_petsc.net.network import Network
+from cruciform_petsc.output.checkpoint import Checkpoint
+from cruciform_petsc.output.draped import crossover_columns
 from cruciform_petsc.tools import shapes
 from cruciform_petsc.tools.motion import Pose
 from cruciform_petsc.tools.tool import Tool
@@ -66,7 +73,7 @@ def test_no_rank_lays_more_than_its_part():
 def test_search():
     """Shared out over the ranks; what is found does not depend on how many there are."""
     table = LayTable.from_data(
-        {"seed": [10e-3, 5e-3], "least_energy": {"places": 2, "turn": 0.0, "shear": 0.0}},
+        {"seed": [10e-3, 5e-3], "least_energy": {"places": 1, "turn": 0.0, "shear": 0.0}},
         "test",
         bare=True,
     )
@@ -103,11 +110,6 @@ def test_files(tmp_path):
     COMM.Barrier()
     assert main(["run", str(path), "--output", str(tmp_path / "all")]) == 0
     if COMM.rank == 0:
-        from cruciform_petsc.case.schema import Case
-        from cruciform_petsc.forming.draping import Draping
-        from cruciform_petsc.net.network import Network
-        from cruciform_petsc.output.draped import crossover_columns
-
         case = Case.load(path)
         alone = case.forming(Network(MPI.COMM_SELF, case.preform(), case.fabric()))
         assert isinstance(alone, Draping)
@@ -119,3 +121,36 @@ def test_files(tmp_path):
         assert summary["shear_max_deg"] == pytest.approx(told["shear_max_deg"], rel=1e-12)
         assert summary["shear_max_at_mm"]["flat"] == pytest.approx(told["shear_max_at_mm"]["flat"])
         assert summary["ranks"] == COMM.size
+
+
+def test_pieces(tmp_path):
+    """Laid piece by piece, killed within the second one: the same end as on one rank."""
+    path = tmp_path / "case.toml"
+    pieces = ("fishnet = {}", 'fishnet = { pieces = 2, press = "10 kPa" }')
+    if COMM.rank == 0:
+        written(tmp_path, pieces)
+    COMM.Barrier()
+    case = Case.load(path)
+    alone = kept(MPI.COMM_SELF, case)
+    stop = sum(step.stage == "lay 1" for step in alone.steps) + 2
+    assert kept(COMM, case, Checkpoint.begin(COMM, tmp_path, case), stop=stop) is None
+    # Newton stops at 1e-4 of the forces, at other iterates on other ranks' sums.
+    same_end(kept(COMM, case, Checkpoint.resume(COMM, tmp_path)), alone, within=1e-4)
+
+
+def test_laid_blanks(tmp_path):
+    """A blank begins at the same places on any ranks, other tools where they touch it there."""
+    path = tmp_path / "case.toml"
+    if COMM.rank == 0:
+        written(tmp_path)
+    COMM.Barrier()
+    case = Case.load(path)
+    found = []
+    for comm in (COMM, MPI.COMM_SELF):
+        forming = case.forming(Network(comm, case.preform(), case.fabric()))
+        nodes = forming.blank.ply.nodes
+        own = nodes.num_nodes_owned
+        start = forming.blank.start().x[forming.blank.cloth_at[:own]]
+        key = np.concatenate(comm.allgather(nodes.node_key[:own]))
+        found.append(np.concatenate(comm.allgather(start))[np.argsort(key)])
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-13)
