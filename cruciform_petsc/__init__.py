@@ -3,10 +3,13 @@
 
 - The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
 - Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
-  their `solve()` gives a `TestResult`.
+  their `solve()` gives a `TestResult`. A blank among tools: `Forming`, whose `solve()` gives a
+  `Formed`.
+- To look at one: `result.plot()` the load, `result.plot(ax, "zones")` another picture, into axes of
+  yours; `result.map("shear")`, `result.scene()`; `plot_comparison(one, other)`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
 - Case files: `Case`; `run_sweep` runs one for many values; `Result.load(folder)` reads what a run
-  has left.
+  has left, and draws the same.
 - Errors: `CruciformError` and its kinds `InputError`, `SolverError`; what is hardly meant is an
   `InputWarning`.
 
@@ -50,6 +53,7 @@ if TYPE_CHECKING:
     from .cloth.fabric import Fabric as Fabric
     from .cloth.fabric import YarnFamily as YarnFamily
     from .cloth.preform import Preform as Preform
+    from .compare import plot_comparison as plot_comparison
     from .continuum.compare import compare_with_membrane as compare_with_membrane
     from .errors import CruciformError as CruciformError
     from .errors import InputError as InputError
@@ -62,6 +66,8 @@ if TYPE_CHECKING:
     from .experiments.pantograph import Pantograph as Pantograph
     from .experiments.picture_frame import PictureFrame as PictureFrame
     from .experiments.result import TestResult as TestResult
+    from .forming.forming import Formed as Formed
+    from .forming.kind import Forming as Forming
     from .net.network import Network as Network
     from .output.exports import export as export
     from .output.figures import plot as plot
@@ -74,6 +80,7 @@ _NAMES = {
     "case.schema": ("Case",),
     "cloth.fabric": ("Fabric", "YarnFamily"),
     "cloth.preform": ("Preform",),
+    "compare": ("plot_comparison",),
     "continuum.compare": ("compare_with_membrane",),
     "errors": ("CruciformError", "InputError", "InputWarning", "SolverError"),
     "experiments.bias_extension": ("BiasExtension",),
@@ -83,6 +90,8 @@ _NAMES = {
     "experiments.pantograph": ("Pantograph",),
     "experiments.picture_frame": ("PictureFrame",),
     "experiments.result": ("TestResult",),
+    "forming.forming": ("Formed",),
+    "forming.kind": ("Forming",),
     "net.network": ("Network",),
     "output.exports": ("export",),
     "output.figures": ("plot", "scene"),

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,9 +21,10 @@ from .calibration.curve import columns_of_files, read_curve
 from .cloth.preform import PreformTable
 from .errors import InputError, cut, harmless, unknown
 from .experiments.registry import KINDS, kind_class
-from .experiments.result import EFFORT
+from .experiments.result import EFFORT, TestResult
 from .output import pictures
 from .output.folder import OF_COMPARISON, locked
+from .output.saved import Result
 from .output.tables import read_csv, write_json
 from .parallel import on_root
 from .quantities import EXTENSION, LOAD, Quantity, declare, displacement, quantity
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from .calibration.curve import MeasuredCurve
-    from .experiments.result import TestResult
 
 # A value this small beside the largest of its curve has no relative difference.
 NOTHING = 1e-9
@@ -343,6 +344,66 @@ def compare(
     return told, [figures for figures, _, _ in pairs], lines
 
 
+def side_of(result: TestResult | Result | str | Path, title: str = "") -> Side:
+    """What is compared of a result, or of a folder or file (see read_side). Collective."""
+    if isinstance(result, str | Path):
+        return read_side(result)
+    if isinstance(result, Result):
+        return read_side(result.folder)
+    curve, test = result.curve(), result.experiment
+    width, length = map(float, result.network.preform.size)
+    columns, title = _with_energy(curve), title or test.kind
+    return Side(title, title, test.kind, columns, curve["asked"] > 0, size=(width, length))
+
+
+def plot_comparison(
+    *results: TestResult | Result | str | Path,
+    ax: Any = None,
+    by: str | None = None,
+    labels: Sequence[str] = (),
+) -> Any:
+    """Draw the curves of results over each other. Collective.
+
+    Parameters
+    ----------
+    results : TestResult, Result, or path of a folder of results or of measured data (CSV)
+        Two at least.
+    ax : one or two matplotlib Axes, optional
+        The first for the load, the second for what they also have in common, mostly a shear angle;
+        by default those of a new figure of pyplot's.
+    by : str, optional
+        "displacement", "strain" or "shear": what specimens of different sizes are compared by.
+    labels : sequence of str
+        For the legend, one for each; by default titles or paths.
+
+    Returns
+    -------
+    Axes or array of Axes
+        On rank 0; None on other ranks.
+
+    Raises
+    ------
+    InputError
+        Fewer than two, or nothing to compare them by.
+    """
+    from mpi4py import MPI
+
+    for kind in KINDS:
+        kind_class(kind)  # declares its columns
+    if len(results) < 2:
+        raise InputError(f"a comparison needs two results at least, got {len(results)}")
+    if labels and len(labels) != len(results):
+        raise InputError(f"there are {len(results)} results and {len(labels)} labels")
+    sides = [side_of(result) for result in results]
+    told, _, lines = compare(sides, by)
+    panels = _panels(quantity(told["over"]), sides, lines, list(labels) or _labels(sides))
+    if ax is not None:
+        panels = panels[: np.size(np.array(ax, dtype=object))]
+    comms = [result.network.comm for result in results if isinstance(result, TestResult)]
+    draw = partial(pictures.overlaid, panels)
+    return pictures.draw(comms[0] if comms else MPI.COMM_SELF, draw, ax)
+
+
 def compare_command(
     comm: MPI.Intracomm,
     paths: Sequence[str],
@@ -380,16 +441,26 @@ def compare_command(
                 where = f"{axis.log_unit} ({value.points} points)"
                 log.info("   %-32s %s %s", quantity(name).label, value.text(), where)
         write_json(comm, folder / "comparison.json", told)
-        panels = []
-        for column in _drawn_columns(lines):
-            curves = {
-                name: (line if side.is_measured else drawn(line), side.is_measured)
-                for name, line, side in zip(_labels(sides), lines[column], sides, strict=True)
-            }
-            panels.append(((axis.axis, quantity(column).axis), curves))
+        panels = _panels(axis, sides, lines, _labels(sides))
         pictures.save(comm, folder / "comparison.png", pictures.overlaid, panels)
         log.info("comparison in %s", folder)
     return told
+
+
+def _panels(
+    axis: Quantity, sides: Sequence[Side], lines: Mapping[str, list[Line]], names: Sequence[str]
+) -> list[tuple[tuple[str, str], dict[str, tuple[Line, bool]]]]:
+    """What pictures.overlaid draws."""
+    return [
+        (
+            (axis.axis, quantity(column).axis),
+            {
+                name: (line if side.is_measured else drawn(line), side.is_measured)
+                for name, line, side in zip(names, lines[column], sides, strict=True)
+            },
+        )
+        for column in _drawn_columns(lines)
+    ]
 
 
 def _drawn_columns(lines: Iterable[str]) -> list[str]:

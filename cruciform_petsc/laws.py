@@ -19,6 +19,7 @@ import numpy as np
 from .errors import InputError
 
 LINEAR, POLYNOMIAL, SIN_POWERS, TABLE = 0.0, 1.0, 2.0, 3.0
+SLOWEST = 1e-6  # rad/s; rates of shear that no thinning is told apart at
 _NAMES = ("linear", "polynomial", "sin-potential", "table")  # as in case files
 
 
@@ -81,6 +82,45 @@ def evaluate_law(data: np.ndarray, x: float) -> tuple[float, float, float]:
     w += over * (d + 0.5 * over * dd)
     d += over * dd
     return w, d if x >= 0.0 else -d, dd
+
+
+@numba.njit(cache=True, error_model="numpy")
+def shear_resistance(
+    angle: float, last: float, anchor: float, numbers: np.ndarray
+) -> tuple[float, float, float]:
+    """Viscosity and friction of shear as an incremental potential: its value and derivatives.
+
+    ``numbers``: viscosity eta [N s/m], exponent n, seconds h since the angle was ``last``, torque
+    of friction per area T [N/m], elastic slip s_0 [rad]. With the rate r = (angle - last)/h and
+    s = (angle - anchor)/s_0
+
+    - w = h eta/(n + 1) [(r^2 + e^2)^((n + 1)/2) - e^(n + 1)], so that w' = eta r^n, the torque of a
+      power-law fluid (for n = 1 Newton's), but for rates of the size of e = SLOWEST or below;
+    - w = T s_0 (s^2 - |s|^3/3) for |s| < 1, T s_0 (|s| - 1/3) beyond, as for friction on tools.
+    """
+    eta, n, h, torque, slip = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]
+    w, d, dd = 0.0, 0.0, 0.0
+    if eta > 0.0 and h > 0.0:
+        r = (angle - last) / h
+        if n == 1.0:
+            w, d, dd = 0.5 * eta * r * r * h, eta * r, eta / h
+        else:
+            square = r * r + SLOWEST * SLOWEST
+            power = square ** (0.5 * (n - 1.0))
+            w = h * eta / (n + 1.0) * (square * power - SLOWEST ** (n + 1.0))
+            d = eta * power * r
+            dd = eta / h * power * (1.0 + (n - 1.0) * r * r / square)
+    if torque > 0.0:
+        s = (angle - anchor) / slip
+        size = abs(s)
+        if size < 1.0:
+            w += torque * slip * (size * size - size**3 / 3.0)
+            d += torque * s * (2.0 - size)
+            dd += torque * (2.0 - 2.0 * size) / slip
+        else:
+            w += torque * slip * (size - 1.0 / 3.0)
+            d += torque if s > 0.0 else -torque
+    return w, d, dd
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -159,6 +199,28 @@ def effective_strains(
         stretch.ravel(), bool(log_strain), float(compression), float(width)
     ).reshape(3, *stretch.shape)
     return result[0], result[1], result[2]
+
+
+@numba.njit(cache=True)
+def _resist_all(
+    angle: np.ndarray, last: np.ndarray, anchor: np.ndarray, numbers: np.ndarray
+) -> np.ndarray:
+    result = np.empty((3, len(angle)))
+    for i in range(len(angle)):
+        result[0, i], result[1, i], result[2, i] = shear_resistance(
+            angle[i], last[i], anchor[i], numbers
+        )
+    return result
+
+
+def shear_resistances(
+    angle: np.ndarray, last: np.ndarray, anchor: np.ndarray, numbers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """shear_resistance of arrays of one shape: its value and derivatives, shaped like them."""
+    shape = np.shape(angle)
+    result = _resist_all(*(np.ravel(part) for part in (angle, last, anchor)), numbers)
+    w, d, dd = result.reshape(3, *shape)
+    return w, d, dd
 
 
 @numba.njit(cache=True)

@@ -23,6 +23,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from decimal import Decimal
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -266,6 +267,7 @@ def run_sweep(
     ranks: int = 1,
     petsc_options: Sequence[str] = (),
     log: logging.Logger | None = None,
+    ax: Any = None,
 ) -> dict[str, list]:
     """Run a case file for all combinations of values, side by side. Not collective.
 
@@ -287,6 +289,9 @@ def run_sweep(
         Processes of each run; more than one are started by ``mpirun -n``.
     petsc_options : sequence of str
         As behind CASE on the command line.
+    ax : matplotlib Axes, optional
+        Three of them, or two where there is no curve: sweep.png is drawn into them, too. Of a sweep
+        that is finished nothing is run again.
 
     Returns
     -------
@@ -323,7 +328,7 @@ def run_sweep(
         command = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
         command += PROGRAM
         sweep.work_off(left, command, [str(case), *petsc_options], side_by_side)
-        sweep.draw()
+        sweep.draw(ax)
         log.info("table in      %s", folder / OF_SWEEP[0])
         return sweep.table()
 
@@ -409,8 +414,8 @@ class _Sweep:
         status = "" if run.status == "done" else f"{run.status}, "
         self.log.log(level, template, seconds, done, len(self.runs), run.name, status, text)
 
-    def draw(self) -> None:
-        """Draw sweep.png: curves over each other, and results over the first varied key."""
+    def draw(self, ax: Any = None) -> None:
+        """Draw sweep.png, and into axes: curves, and results over the first varied key."""
         for kind in KINDS:
             kind_class(kind)  # declares its columns
         good = [run for run in self.runs if run.figures]
@@ -440,7 +445,10 @@ class _Sweep:
             ends.append((quantity(name).axis, series))
         path = self.directory / OF_SWEEP[1]
         title = pictures.plain_text(good[0].case["title"])
-        pictures.save(self.comm, path, pictures.swept, first.label, labels, lines, ends, title)
+        draw = partial(pictures.swept, first.label, labels, lines, ends, title)
+        pictures.save(self.comm, path, draw)
+        if ax is not None:
+            pictures.draw(self.comm, draw, ax)
 
 
 def _shown(figures: Mapping[str, float]) -> list[str]:

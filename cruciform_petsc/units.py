@@ -31,11 +31,15 @@ micro- = 1e-6 = µ- = μ- = u-
 nano- = 1e-9 = n-
 meter = [length] = m = metre
 second = [time] = s
+minute = 60 * second = min
+hour = 3600 * second = h
 gram = [mass] = g
 radian = [angle] = rad
 newton = kilogram * meter / second ** 2 = N
 pascal = newton / meter ** 2 = Pa
 joule = newton * meter = J
+mole = [substance] = mol
+kelvin = [temperature] = K
 force_gram = 9.80665e-3 * newton = gf
 force_kilogram = 9.80665 * newton = kgf
 force_pound = 4.4482216152605 * newton = lbf
@@ -79,6 +83,11 @@ MEASURES = {
     "N/m/m": ("a stiffness per width", "0.1 N/mm/mm", "N/mm/mm"),
     "N/m**3": ("a stiffness of contact, per area", "20 kPa/mm", "kPa/mm"),
     "N*s/m**3": ("a viscosity, per area", "20 N s/m^3", "N s/m^3"),
+    "N*s/m": ("a viscosity of shear", "50 N s/m", "N s/m"),
+    "s": ("a time", "10 s", "s"),
+    "m/s": ("a speed", "100 mm/min", "mm/min"),
+    "K": ("a temperature", "180 degC", "degC"),
+    "J/mol": ("an energy per amount", "40 kJ/mol", "kJ/mol"),
 }
 
 # Least (but for zero) and most that a number of an SI unit may be. Cloth is far from both; what is
@@ -103,8 +112,16 @@ LIMITS = {
     "N/m/m": (1e-12, 1e12),
     "N/m**3": (1e-6, 1e18),
     "N*s/m**3": (1e-9, 1e12),
+    "N*s/m": (1e-12, 1e12),
+    "s": (1e-9, 1e9),
+    "m/s": (1e-12, 1e3),
+    "K": (1.0, 5000.0),
+    "J/mol": (1.0, 1e7),
 }
 _LONGEST = 100  # characters of a quantity
+
+# Temperatures [K] at which the units' own scales begin.
+_ZEROS = {"K": 0.0, "degC": 273.15, "°C": 273.15}
 
 # Strains are not left to the registry, in which "2 ends" is a plain number as well.
 _STRAINS = {"%": 0.01, "percent": 0.01, "1": 1.0, "m/m": 1.0, "mm/mm": 1.0}
@@ -161,6 +178,10 @@ def _registry() -> pint.UnitRegistry:
 def _factor(text: str, unit: str, example: str) -> float:
     """How many `unit` one `text` is; a ValueError says in words why it is none."""
     another = f'has the unit "{cut(text)}", which is not that of {MEASURES[unit][0]}'
+    if unit == "K":
+        if text not in _ZEROS:
+            raise ValueError(f'{another} like "{example}"')
+        return 1.0
     if unit == "1":
         if text not in _STRAINS:
             raise ValueError(f'{another} like "{example}"')
@@ -228,6 +249,10 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         number *= _factor(text, unit, example)
     except ValueError as error:
         raise ValueError(f'= "{cut(value)}" {error}') from None
+    if unit == "K":
+        number += _ZEROS[text]
+        if number <= 0.0:
+            raise ValueError(f'= "{cut(value)}" is not above absolute zero, -273.15 degC')
     if not math.isfinite(number):
         raise ValueError(f'must be finite, got "{cut(value)}"')
     return _bounded(number, unit, f'= "{cut(value)}"')
@@ -276,4 +301,5 @@ def format_si(value: float, unit: str) -> str:
     '520 N/cm'
     """
     usual = MEASURES[unit][2]
+    value -= _ZEROS.get(usual, 0.0)
     return f"{value / _factor(usual, unit, usual):.6g} {usual}"

@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
-from cruciform_petsc.cloth import datasheet, fabric, preform
+from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
 from cruciform_petsc.fields import Of, Table
@@ -53,6 +53,7 @@ _SHAPES: dict[Any, str] = {
     list[fields.Ring]: "a list of lists of pairs of lengths",
     fields.Pairs: "a list of pairs of numbers",
     list[fields.Pair]: "a list of pairs of numbers",
+    biaxial.Fours: "a list of lists of 4 numbers",
     fields.Counts: "a list of whole numbers from 1 up",
     tool.Place: "a list of 3 lengths",
     list[fields.Size]: "a list of 3 lengths",
@@ -88,6 +89,9 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.warp.out_of_plane_moment`, `fabric.weft.out_of_plane_moment`", fabric.MomentLawTable),
     ("`fabric.shear`", fabric.ShearTable),
     ("`fabric.tension`", fabric.TensionTable),
+    ("`fabric.tension.surface`", biaxial.SurfaceTable),
+    ("`fabric.tension.crimp`", biaxial.CrimpTable),
+    ("`fabric.tension.crimp.crossover`", biaxial.ContactTable),
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),

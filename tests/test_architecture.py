@@ -13,12 +13,14 @@ ROOT = Path(cruciform_petsc.__file__).parent
 # Left to right; what stands in one entry does not import its neighbours there.
 ORDER = [
     {"errors"},
+    {"drawn"},
     {"process"},
     {"reading"},
     {"units"},
     {"fields"},
     {"quantities"},
     {"laws"},
+    {"tension"},
     {"parallel"},
     {"memory"},
     {"solvers", "cloth"},
@@ -123,6 +125,16 @@ def test_who_knows_what():
     own, _ = GRAPH["equilibrium.newton"]
     assert not {name.split(".")[0] for name in own} & {"net", "items", "tools", "cloth"}
     assert len((ROOT / "equilibrium" / "newton.py").read_text().splitlines()) < 350
+
+
+def test_what_is_loaded_by_name():
+    """Of what stands right of it: what draws and shows objects, by one module alone."""
+    text = {name_of(path): path.read_text() for path in modules()}
+    assert {n for n, t in text.items() if "import_module(" in t} == {
+        "drawn",
+        "experiments.registry",
+    }
+    assert text["drawn"].count("import_module(") == 1
 
 
 def test_frames_are_turned_in_one_place():

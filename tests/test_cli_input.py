@@ -493,8 +493,10 @@ def test_no_memory_on_one_rank(drive, ranks, kind, method, number, keys):
     fields = {"kind": kind, "method": method, "number": number, "keys": keys}
     result = drive(ranks, NO_MEMORY.format(**fields, rank=rank, error=error))
     assert result.returncode == 2, result.stderr
-    assert len(sentences(result)) == 1, result.stderr
-    (sentence,) = sentences(result)
+    # The launcher ends the other rank by SIGTERM, which may have time to say so.
+    said = [sentence for sentence in sentences(result) if sentence != "interrupted"]
+    assert len(said) == 1, result.stderr
+    (sentence,) = said
     assert "there is not enough memory (PETSc error 55): choose a coarser net" in sentence
     assert "Traceback" not in result.stderr
 

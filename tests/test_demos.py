@@ -31,6 +31,8 @@ FINITE = {
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
+    "picture_frame_cycle": ("load_n", 9.209219),
+    "prepreg_frame": ("load_n", 10.534952),
     "sin_potential": ("load_n", 11.20169),
 }
 FORMING = {

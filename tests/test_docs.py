@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 
 import pytest
@@ -61,6 +62,16 @@ def test_search(site):
     assert {"forming", "glossary"} <= pages_with(index, "springback")
     for name in ("searchtools.js", "doctools.js", "language_data.js"):
         assert (site / "_static" / name).stat().st_size > 1000, name
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium here")
+def test_site_in_a_browser(site):
+    """From the disk: each page without a message in the console, dark and light, searched."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "scripts" / "check_site.py"), str(site)],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
 
 
 def test_nothing_is_loaded_from_outside(site):

@@ -12,7 +12,9 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from support.runs import CASE
 from test_cli_input import LAUNCHER, launch
 
@@ -201,6 +203,12 @@ def test_table_and_what_is_left(made_up, case, tmp_path):
     table = run_sweep(case, {key: [5, 1, 3]}, out)
     assert made_up() == ["run preform.refine=3", "run preform.refine=5"]
     assert table["status"] == ["failed", "done", "failed"]
+    axes = np.array(Figure().subplots(1, 3))
+    run_sweep(case, {key: [1]}, out, ax=axes)
+    assert made_up() == []  # what is finished is drawn, and not run again
+    assert [a.get_ylabel() for a in axes[:2]] == ["load (N)", "load (N)"]
+    assert axes[1].get_xlabel() == key
+    assert axes[1].get_lines()[0].get_ydata().tolist() == [2.0]
     assert table["message"][0].endswith("ValueError: fifth")
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..cloth.fabric import Fabric
+from ..drawn import Plotted
 from ..laws import Potential, table
 from ..quantities import force_text, si_text
 from .curve import MeasuredCurve
@@ -138,7 +139,7 @@ def estimate(
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration(Comparison):
+class Calibration(Comparison, Plotted):
     """A shear law identified from load curves, all their points one after the other.
 
     ``estimate`` is for relative changes of the values and of the loads, d ln F_i/d ln psi'_k.

@@ -32,6 +32,7 @@ from ..forming.table import (
     ClampTable,
     FormingTable,
     StageTable,
+    check_course,
     check_pressure,
     check_stages,
     laying_stages,
@@ -179,6 +180,9 @@ class Case(Table):
         for name, key in (("preform", "outline"), ("output", "part_outline")):
             if isinstance(data.get(name), dict):
                 paths.append((data[name].get(key), "file"))
+        fabric = data.get("fabric")
+        if isinstance(fabric, dict) and isinstance(fabric.get("tension"), dict):
+            paths.append((fabric["tension"].get("surface"), "file"))
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
@@ -342,6 +346,13 @@ class Case(Table):
         if preform and forming:
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
+        if fabric and beside and fabric.remembers:
+            problems.append(
+                "the membrane of [continuum] knows no fabric.shear_viscosity and shear_friction"
+            )
+        if fabric and forming:
+            with problems.caught():
+                check_course(fabric, self.stages)
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")

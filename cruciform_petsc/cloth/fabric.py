@@ -24,11 +24,13 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
+from ..drawn import Shown
 from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Read, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
-from ..laws import table as table_law
+from ..tension import BiaxialLaw
 from ..units import LIMITS, MEASURES, Quantity, format_si
+from .biaxial import CrimpTable, SurfaceTable, law_through
 from .datasheet import (
     COMPRESSION,
     HOW,
@@ -38,6 +40,7 @@ from .datasheet import (
     contradiction,
     sentence,
 )  # fmt: skip
+from .resistance import FrictionTable, ShearFriction, ShearViscosity, ViscosityTable
 from .weave import Weave
 
 _RECIPROCITY = 1e-6  # relative; room for the digits people write, not for another material
@@ -87,7 +90,7 @@ class YarnFamily:
 
 
 @dataclass(frozen=True, repr=False)
-class Fabric:
+class Fabric(Shown):
     """A woven cloth, elastic in the plane.
 
     Raises
@@ -113,12 +116,19 @@ class Fabric:
     C11. The modulus is its slope at rest."""
     weft_law: Potential | None = None
     """The same of the weft; None: linear, C22."""
+    biaxial_law: BiaxialLaw | None = None
+    """Energy per area [N/m] over both strains, in place of both laws and of c12; moduli
+    and Poisson's ratios are those of its stiffness at rest (`with_biaxial_law`)."""
     log_strain: bool = False
     """Strain is the logarithm of the stretch, not the stretch less 1."""
     compression: float = 1.0
     """Stiffness of yarns in compression over that in tension."""
     compression_width: float = 1e-4
     """Strain over which the stiffness falls when a yarn goes from tension into compression."""
+    shear_viscosity: ShearViscosity | None = None
+    """Of cloth in a melt or a resin, beside the law of shear."""
+    shear_friction: ShearFriction | None = None
+    """Between warp and weft, beside the law of shear."""
     areal_density: float | None = None
     """Mass of the yarns per area of the cloth at rest [kg/m^2]; for gravity and exports."""
     thickness: float | None = None
@@ -177,6 +187,8 @@ class Fabric:
                 f"{format_si(fraction * self.thickness, 'm')} without any gaps, which is more "
                 f"than fabric.thickness = {format_si(self.thickness, 'm')}"
             )
+        problems += self._at_rest()
+        problems.tell()
         nu_w, nu_e = self.warp.poisson, self.weft.poisson
         # Compliance [1] has an energy only if it is symmetric.
         left, right = nu_e * self.warp.modulus, nu_w * self.weft.modulus
@@ -207,9 +219,9 @@ class Fabric:
     def from_library(cls, name: str, changes: Mapping[str, Any] | None = None) -> Fabric:
         """Return a published fabric; `fabric_names` lists them.
 
-        ``changes`` replace the library's ``shear`` and ``tension`` as a whole,
-        ``out_of_plane_bending``, ``areal_density``, ``thickness``, ``fibre_density``; as for
-        `from_table`.
+        ``changes`` replace the library's ``shear``, ``shear_viscosity``, ``shear_friction`` and
+        ``tension`` as a whole, ``out_of_plane_bending``, ``areal_density``, ``thickness``,
+        ``fibre_density``; as for `from_table`.
 
         Examples
         --------
@@ -229,10 +241,47 @@ class Fabric:
         """The same cloth with another law of shear; its modulus becomes the law's slope at rest."""
         return replace(self, shear_law=law, shear_modulus=law.stiffness0)
 
+    def with_biaxial_law(self, law: BiaxialLaw) -> Fabric:
+        """The same cloth with a law of both tensions in place of its moduli, ratios and laws.
+
+        Raises InputError if at rest the law is not stiff against every pair of strains.
+        """
+        warp, weft, both = (float(value) for value in law.stiffness0)
+        if not (warp > 0.0 and weft > 0.0 and both**2 < warp * weft):
+            stiffness = ", ".join(format_si(value, "N/m") for value in (warp, weft, both))
+            raise InputError(
+                f"the {law.name} of fabric.tension must resist every strain at rest, its stiffness "
+                f"there is {stiffness} (warp, weft, both)"
+            )
+        ratio = 1.0 - both**2 / (warp * weft)
+        return replace(
+            self,
+            warp=replace(self.warp, modulus=warp * ratio, poisson=both / weft),
+            weft=replace(self.weft, modulus=weft * ratio, poisson=both / warp),
+            warp_law=None,
+            weft_law=None,
+            biaxial_law=law,
+        )
+
+    def _at_rest(self) -> Iterator[str]:
+        """Problems of a biaxial law beside others, or with other moduli than its own."""
+        if self.biaxial_law is None:
+            return
+        found = np.array([self.c11, self.c22, self.c12])
+        wanted = self.biaxial_law.stiffness0
+        single = (self.warp_law, self.weft_law) != (None, None)
+        if single or not np.allclose(found, wanted, rtol=_RECIPROCITY):
+            yield "fabric.biaxial_law is to be set by Fabric.with_biaxial_law"
+
     @property
     def shear(self) -> Potential:
         """Energy per area over the shear angle, psi(gamma) [N/m over rad]."""
         return linear(self.shear_modulus) if self.shear_law is None else self.shear_law
+
+    @property
+    def remembers(self) -> bool:
+        """Whether shear resists by more than its law, which only finite deformation knows."""
+        return self.shear_viscosity is not None or self.shear_friction is not None
 
     @property
     def warp_tension(self) -> Potential:
@@ -298,6 +347,38 @@ class Fabric:
         """Strain e as a law of tension takes it, de/dstretch, d2e/dstretch2: as `stretch`."""
         return effective_strains(stretch, self.log_strain, self.compression, self.compression_width)
 
+    def tension(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy, tensions and stiffness of the cloth at stretches of warp and weft (..., 2).
+
+        Returns
+        -------
+        energy per area (...), J/m^2
+        tensions (..., 2) of warp and weft: its derivatives by the stretches, per width at rest, N/m
+        stiffness (..., 3): second derivatives ww, ee, we, N/m
+        """
+        stretch = np.asarray(stretch, float)
+        if self.biaxial_law is not None:
+            strain, rate, change = effective_strains(stretch, self.log_strain)
+            energy, first, second = self.biaxial_law.evaluate(
+                strain[..., 0], strain[..., 1], self.compression, self.compression_width
+            )
+            second = second.copy()
+        else:
+            strain, rate, change = self.effective_strain(stretch)
+            values = [
+                law.evaluate(strain[..., k])
+                for k, law in enumerate((self.warp_tension, self.weft_tension))
+            ]
+            energy = values[0][0] + values[1][0] + self.c12 * strain.prod(axis=-1)
+            first = np.stack([value[1] for value in values], axis=-1)
+            first = first + self.c12 * strain[..., ::-1]
+            second = np.stack(
+                [values[0][2], values[1][2], np.full(strain.shape[:-1], self.c12)], axis=-1
+            )
+        second[..., :2] = second[..., :2] * rate**2 + first * change
+        second[..., 2] *= rate.prod(axis=-1)
+        return energy, first * rate, second
+
     def off_axis_modulus(self, angle: Any) -> Any:
         """Modulus [N/m] of a strip with free sides, by the angle [rad] from its pull to the warp.
 
@@ -329,6 +410,8 @@ class Fabric:
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
         shear = modulus(self.shear_modulus, self.shear_law, "deg", math.degrees(1.0))
+        if self.biaxial_law is not None:
+            shear += f", tension by a {self.biaxial_law.name}"
         return f'Fabric("{self.name}", warp {warp}, weft {weft}, shear {shear})'
 
 
@@ -387,29 +470,6 @@ def _slope(key: str, law: Potential | None, modulus: Any, name: str) -> Iterator
 # -- tables of case files, from which fabrics are built --------------------------------------------
 
 
-def _law_through(x: Quantity, y: Quantity, points: list[list[float]], most: str) -> Potential:
-    """A law through points in the units `x` and `y`; `most` is the largest x in the usual unit."""
-    columns = [[a * x.si for a, _ in points], [b * y.si for _, b in points]]
-    limit = Quantity.read(most, x.unit)
-    over, unit, plain = {
-        "rad": ("angle", "deg", "rad"), "1": ("strain", "%", "1"), "1/m": ("curvature", "1/m", "")
-    }[x.unit]  # fmt: skip
-    largest = max(columns[0])
-    meant = unit if largest > limit.si * (1.0 + 1e-9) else ""  # 90 degrees are 90 degrees
-    # Laws of cloth go beyond 3 degrees, those of yarns beyond 0.05 %.
-    least = {"rad": "3 deg", "1": "0.05 %"}.get(plain)
-    if least is not None and x.si < 1.0 and largest < Quantity.read(least, x.unit).si:
-        meant = plain
-    if meant:
-        raise ValueError(
-            f'.points go up to {format_si(largest, x.unit)}, is {over} = "{meant}" meant?'
-        )
-    try:
-        return table_law(*columns)
-    except InputError as error:
-        raise ValueError(f".points: {error}") from None
-
-
 class TensionLawTable(Table):
     """[fabric] warp.tension and weft.tension: a law in place of the modulus."""
 
@@ -430,7 +490,7 @@ class TensionLawTable(Table):
 
     def build(self) -> Potential:
         """Make the law."""
-        return _law_through(self.strain, self.force, self.points, "100 %")
+        return law_through(self.strain, self.force, self.points, "100 %")
 
 
 def _per_width(bending: Quantity, yarns: float) -> float:
@@ -459,7 +519,7 @@ class MomentLawTable(Table):
     def build(self) -> Potential:
         """Make the law."""
         # Nobody bends cloth to a tenth of a millimetre; metres over a column of 1/mm do.
-        return _law_through(self.curvature, self.moment, self.points, "100 /cm")
+        return law_through(self.curvature, self.moment, self.points, "100 /cm")
 
 
 class YarnTable(Table):
@@ -511,7 +571,8 @@ class YarnTable(Table):
         elif self.out_of_plane_bending is not None:
             out = _per_width(self.out_of_plane_bending, self.yarns.si)
         law = None if self.tension is None else self.tension.build()
-        modulus = self.modulus.si if law is None else law.stiffness0  # type: ignore[union-attr]
+        modulus = 1.0 if self.modulus is None else self.modulus.si  # that of a biaxial law to come
+        modulus = modulus if law is None else law.stiffness0
         bending = self.yarn_bending.si
         return YarnFamily(modulus, self.poisson or 0.0, self.yarns.si, bending, out), law
 
@@ -530,8 +591,25 @@ class YarnChanges(YarnTable):
             raise ValueError("stands in fabric.from_datasheet, leave it out here")
 
 
+class FreeYarnTable(YarnTable):
+    """[fabric] warp and weft beside a tension that cannot be read: maybe it has the modulus."""
+
+    _needs_modulus: ClassVar[bool] = False
+
+
+class CoupledYarnTable(FreeYarnTable):
+    """[fabric] warp and weft beside tension.surface or tension.crimp."""
+
+    @field_validator("tension", "modulus", "poisson")
+    @classmethod
+    def _in_the_law(cls, value: Any) -> Any:
+        if value is not None:
+            raise ValueError("cannot stand beside tension.surface or tension.crimp, which have it")
+        return value
+
+
 class _Side(Read):
-    """A `YarnTable`, or beside a data sheet what replaces values of it."""
+    """A `YarnTable`, or beside a data sheet what replaces values of it, or beside a biaxial law."""
 
     def read(self, value: Any, info: Any) -> YarnTable:
         """Read it as what it is."""
@@ -539,11 +617,16 @@ class _Side(Read):
             return value
         sheet = info.data.get("from_datasheet", ...)  # not there: given, and wrong in itself
         model = YarnTable if sheet is None else YarnChanges
+        tension = info.data.get("tension", ...)
+        if sheet is None and tension is ...:
+            model = FreeYarnTable
+        elif sheet is None and tension is not None and tension.biaxial is not None:
+            model = CoupledYarnTable
         return model.model_validate(value, context=info.context)
 
     def json_schema(self, handler: Any) -> dict[str, Any]:
         """See `Read`."""
-        tables = (YarnTable, YarnChanges)
+        tables = (YarnTable, YarnChanges, CoupledYarnTable)
         return {"anyOf": [handler(table.__pydantic_core_schema__) for table in tables]}
 
 
@@ -609,7 +692,7 @@ class ShearTable(Table):
             if self.quantity == SHEAR_FORCE:  # F_s L cos(gamma) is the torque on a frame of side L
                 points = [[angle, f * math.cos(angle * self.angle.si)] for angle, f in points]
             # Nobody shears cloth by more than a right angle; radians over a column of degrees do.
-            return _law_through(self.angle, self.force, points, "90 deg")
+            return law_through(self.angle, self.force, points, "90 deg")
         assert self.coefficients is not None  # the check above has seen to it
         values = si_values(self.coefficients)
         return odd_polynomial(values) if self.law == "polynomial" else sin_powers(values)
@@ -624,6 +707,27 @@ class TensionTable(Table):
     """Stiffness of yarns in compression over that in tension. Above 0, at most 1."""
     compression_width: Number = 1e-4
     """Strain over which the stiffness falls. About buckling stress over modulus."""
+    surface: SurfaceTable | None = None
+    """Measured tensions at pairs of strains, for both families; warp and weft then without modulus,
+    poisson and tension (docs/laws.md).
+    Example: `{ file = "biaxial.csv" }`"""
+    crimp: CrimpTable | None = None
+    """A crimp model of a plain weave in place of surface (docs/laws.md)."""
+
+    @model_validator(mode="after")
+    def _one_law(self) -> TensionTable:
+        if self.surface is not None and self.crimp is not None:
+            raise ValueError("takes either surface or crimp, not both")
+        if self.crimp is not None and self.strain != "engineering":
+            raise ValueError(
+                '.strain must be "engineering" beside crimp, which stretches lengths as they are'
+            )
+        return self
+
+    @property
+    def biaxial(self) -> SurfaceTable | CrimpTable | None:
+        """The law of both families, if there is one."""
+        return self.crimp if self.surface is None else self.surface
 
 
 def _woven(name: str) -> str:
@@ -643,6 +747,10 @@ class FabricTable(Table):
     from_datasheet: DatasheetTable | None = None
     """Yarns and fibres, from which all else is estimated that does not stand beside it
     (docs/datasheet.md)."""
+    # before warp and weft, which ask whether it has a law of both
+    tension: TensionTable | None = None
+    """Which strain, and yarns in compression; in place of the library's.
+    Example: `{ strain = "log", compression = 0.01 }`"""
     warp: Annotated[YarnTable, _Side()] | None = None
     """Values of one's own, in place of use, or of the data sheet's estimates. Example:
     `{ modulus = "520 N/cm", poisson = 0.45, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2" }`"""
@@ -650,9 +758,12 @@ class FabricTable(Table):
     """Beside warp, alike."""
     shear: ShearTable | None = None
     """Beside warp and weft, or in place of the library's. Example: `{ modulus = "0.96 N/cm" }`"""
-    tension: TensionTable | None = None
-    """Which strain, and yarns in compression; in place of the library's.
-    Example: `{ strain = "log", compression = 0.01 }`"""
+    shear_viscosity: ViscosityTable | None = None
+    """Of cloth in a melt or a resin; its shear resists by its rate, too. Needs test.speed, or the
+    duration of stages. Example: `{ viscosity = "50 N s/m" }`"""
+    shear_friction: FrictionTable | None = None
+    """Between warp and weft, so that unloading is another way than loading.
+    Example: `{ torque = "5 N/m" }`"""
     out_of_plane_bending: Annotated[Quantity, Of("N*m", other="N*m**2")] | None = None
     """Of warp and weft alike, as for each of them; in place of theirs, and of the library's."""
     areal_density: Annotated[Quantity, Of("kg/m**2")] | None = None
@@ -680,8 +791,8 @@ class FabricTable(Table):
         if self.use is not None and given:
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
-                "(beside use only shear, tension, out_of_plane_bending, areal_density, thickness, "
-                "fibre_density and weave may stand)"
+                "(beside use only shear, shear_viscosity, shear_friction, tension, "
+                "out_of_plane_bending, areal_density, thickness, fibre_density and weave may stand)"
             )
         if self.use is not None and self.from_datasheet is not None:
             raise ValueError("needs either use or from_datasheet, not both")
@@ -694,20 +805,32 @@ class FabricTable(Table):
 
     def filled_in(self) -> list[str]:
         """What was left out and is assumed or estimated, in sentences."""
+        biaxial = None if self.tension is None else self.tension.biaxial
+        told = [] if biaxial is None else biaxial.told(*self._yarns())
+        return [*told, *self._filled_in()]
+
+    def _yarns(self) -> tuple[float, float]:
+        """Yarns per length of warp and weft, 1/m."""
+        if self.use is not None:
+            return _published(self.use)._yarns()
+        sides = self if self.from_datasheet is None else self.from_datasheet
+        return sides.warp.yarns.si, sides.weft.yarns.si  # type: ignore[union-attr]
+
+    def _filled_in(self) -> list[str]:
         if self.use is not None:
             given = self._given("use")
             entry = _published(self.use)
             return [
                 *(f"{key}: assumed, {why}" for key, why in entry.assumed.items()
                   if key.split(" ")[0].rpartition(".")[2] not in given),
-                *entry.model_copy(update=given).filled_in(),
+                *entry.model_copy(update=given)._filled_in(),
             ]  # fmt: skip
         if self.from_datasheet is not None:
             table, sentences = self._with_estimates()
-            return [*sentences, *table.filled_in()]
+            return [*sentences, *table._filled_in()]
         yarns = {"warp": self.warp, "weft": self.weft}
         left_out = [side for side, table in yarns.items() if table and table.poisson is None]
-        if not left_out:
+        if not left_out or (self.tension is not None and self.tension.biaxial is not None):
             return []
         if len(left_out) == 2:
             return ["fabric.warp.poisson and fabric.weft.poisson are taken as 0"]
@@ -717,6 +840,8 @@ class FabricTable(Table):
     def questions(self) -> list[str]:
         """What may be meant otherwise."""
         asked = [] if self.shear is None else [self.shear.question()]
+        if self.tension is not None and self.tension.biaxial is not None:
+            asked.append(self.tension.biaxial.question(*self._yarns()))
         if self.from_datasheet is not None and self.areal_density is not None:
             mass = self._estimate(self.from_datasheet).cloth["areal_density"]
             asked.append(contradiction(mass, self.areal_density.si))
@@ -737,6 +862,7 @@ class FabricTable(Table):
         assert sheet is not None
         estimate = self._estimate(sheet)
         told: dict[str, dict[str, float]] = {}
+        coupled = self.tension is not None and self.tension.biaxial is not None
 
         def fill_in(table: dict[str, Any], place: str, key: str, value: float) -> None:
             told.setdefault(key, {})[place] = value
@@ -757,6 +883,7 @@ class FabricTable(Table):
                 )
             for key, value in estimate.sides[side].items():
                 of_all = key == "out_of_plane_bending" and key in given
+                of_all |= coupled and key in ("modulus", "poisson")
                 if not of_all and not {key, _INSTEAD.get(key)} & own.keys():
                     fill_in(given[side], f"fabric.{side}.{key}", key, value)
         for key, value in estimate.cloth.items():
@@ -793,7 +920,7 @@ class FabricTable(Table):
         elif given["weft"].poisson is None:
             weft = replace(weft, poisson=warp.poisson * weft.modulus / warp.modulus)
         shear, tension = given["shear"].build(), self.tension or TensionTable()
-        return Fabric(
+        fabric = Fabric(
             name,
             warp,
             weft,
@@ -805,9 +932,14 @@ class FabricTable(Table):
             log_strain=tension.strain == "log",
             compression=tension.compression,
             compression_width=tension.compression_width,
+            shear_viscosity=None if self.shear_viscosity is None else self.shear_viscosity.build(),
+            shear_friction=None if self.shear_friction is None else self.shear_friction.build(),
             **{key: given[key].si for key in _PLY_DATA if key in given},
             weave=self.weave or "plain",
         )
+        if tension.biaxial is None:
+            return fabric
+        return fabric.with_biaxial_law(tension.biaxial.law(warp.yarns, weft.yarns))
 
 
 class LibraryTable(FabricTable):

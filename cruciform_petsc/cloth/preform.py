@@ -23,6 +23,7 @@ from shapely.geometry.polygon import orient
 from shapely.ops import substring
 from shapely.validation import explain_validity
 
+from ..drawn import Shown
 from ..errors import InputError, shown
 from ..fields import Count, Lines, Name, Of, Point, Ring, Rings, Sides, Size, Table, si_values
 from ..units import Quantity, format_si
@@ -45,7 +46,7 @@ Length = str | float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Preform:
+class Preform(Shown):
     """A piece of cloth before it is loaded.
 
     Parameters
@@ -303,9 +304,9 @@ class Preform:
             axis, end = _SIDES[name]
             extreme = f"{('smallest', 'largest')[end]} {'xy'[axis]}"
             hint = f"no straight piece of the outline lies at its {extreme}, "
-        raise InputError(f'preform has no edge "{name}" ({hint}known: {self._edge_list()})')
+        raise InputError(f'preform has no edge "{name}" ({hint}known: {self.edge_list()})')
 
-    def _edge_list(self) -> str:
+    def edge_list(self) -> str:
         """The known names, numbered ones as a range."""
         names = [name for name in self.edges if not re.fullmatch(r"(outline|hole)-\d+", name)]
         for kind in ("outline", "hole"):

@@ -3,7 +3,7 @@ r"""Fibres of a membrane at finite deformation: what they measure, and the energ
 
 With F = I + grad u and yarn directions d_w, d_e at rest, at right angles, the energy per area is
 
-    W = Phi_w(e_w) + Phi_e(e_e) + c12 e_w e_e + psi(gamma)
+    W = Phi_w(e_w) + Phi_e(e_e) + c12 e_w e_e + psi(gamma)   or   w(e_w, e_e) + psi(gamma)
     lambda = |F d|,  e = Fabric.effective_strain(lambda)
     gamma = 90 deg - angle(F d_w, F d_e) = theta_w - theta_e + 90 deg
 
@@ -97,20 +97,12 @@ def resultants(fabric: Any, measures: np.ndarray) -> tuple[np.ndarray, np.ndarra
     stress : float (..., 3), derivatives with respect to the measures, N/m
     moduli : float (..., 4), second derivatives: ww, ee, gamma gamma, we, N/m
     """
-    c12 = float(fabric.c12)
-    strain, rate, change = fabric.effective_strain(measures[..., :2])
-    laws = (fabric.warp_tension, fabric.weft_tension, fabric.shear)
-    arguments = (strain[..., 0], strain[..., 1], measures[..., 2])
-    values = np.array([law.evaluate(x) for law, x in zip(laws, arguments, strict=True)])
-    energy, stress, moduli = np.moveaxis(values, 0, -1)  # (..., 3) each
-    stress[..., :2] += c12 * strain[..., ::-1]
-    moduli[..., :2] = moduli[..., :2] * rate**2 + stress[..., :2] * change
-    stress[..., :2] *= rate
-    tension = energy[..., 0] + energy[..., 1] + c12 * strain.prod(axis=-1)
+    tension, stress, moduli = fabric.tension(measures[..., :2])
+    shear, torque, modulus = fabric.shear.evaluate(measures[..., 2])
     return (
-        np.stack([tension, energy[..., 2]], axis=-1),
-        stress,
-        np.concatenate([moduli, c12 * rate.prod(axis=-1, keepdims=True)], axis=-1),
+        np.stack([tension, shear], axis=-1),
+        np.concatenate([stress, torque[..., None]], axis=-1),
+        np.stack([moduli[..., 0], moduli[..., 1], modulus, moduli[..., 2]], axis=-1),
     )
 
 

@@ -8,13 +8,18 @@ Cruciform, points 1 to 4 the arm ends and 5 the hinge (docs/formulation.md, "Fin
 
     W = sum over quadrants ij of A_ij [ Phi_w(e_i) + Phi_e(e_j) + c12 e_i e_j + psi(gamma_ij) ]
     e = effective strain of the stretch |x_i - x_0| / a_i (laws.effective_strain)
+
+or, with a biaxial law (tension.evaluate_tension), of A_ij [ w(e_i, e_j) + psi(gamma_ij) ];
+
     gamma_ij = s_ij (90 deg - angle(t_i, t_j)),  s_ij = +1, -1, +1, -1 around the hinge
+
+Cloth whose shear flows or rubs adds an incremental potential to psi, see laws.shear_resistance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from zlib import crc32
@@ -22,9 +27,10 @@ from zlib import crc32
 import numba
 import numpy as np
 
-from .. import laws
-from ..laws import effective_strain, evaluate_law
+from .. import laws, tension
+from ..laws import effective_strain, evaluate_law, shear_resistance
 from ..net.lattice import HELD, QUADRANTS
+from ..tension import evaluate_tension
 from .level import FREE, STIFFNESS, room
 
 _WARP_ARM = tuple(int(i) for i in QUADRANTS[:, 0])
@@ -33,7 +39,7 @@ _SIGN = (1.0, -1.0, 1.0, -1.0)
 
 # Numba's cache on disk does not notice that the laws compiled in have changed in their own file; a
 # variable of the kernel's closure is part of the cache's key.
-LAWS = crc32(Path(laws.__file__).read_bytes())
+LAWS = crc32(Path(laws.__file__).read_bytes() + Path(tension.__file__).read_bytes())
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,9 @@ class Cloth:
         Stiffness in compression over that in tension.
     compression_width : float
         Strain over which it changes.
+    biaxial : float array
+        A law of both tensions, BiaxialLaw.packed, in place of warp, weft and c12, which are zero
+        then; empty for none.
     """
 
     warp: np.ndarray
@@ -60,6 +69,7 @@ class Cloth:
     log_strain: bool = False
     compression: float = 1.0
     compression_width: float = 1e-4
+    biaxial: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 @lru_cache(maxsize=2)
@@ -70,13 +80,16 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
     @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
     def kernel(
-        x, before, a, area, strain_source, turn_source, held, warp, weft, shear, c12, log_strain,
-        ratio, width, level, energy, force, stiffness,
+        x, before, a, area, strain_source, turn_source, held, past, warp, weft, shear, resistance,
+        c12, log_strain, ratio, width, biaxial, level, energy, force, stiffness,
     ):  # fmt: skip
         foretold = before.shape[0] > 0 and level == 2 and compiled_laws >= 0  # it never is below
         # The commonest case by a shorter way, for speed.
-        plain = not log_strain and ratio == 1.0
+        coupled = biaxial.shape[0] > 0
+        arm_ratio = 1.0 if coupled else ratio  # a biaxial law sees to compression itself
+        plain = not log_strain and arm_ratio == 1.0
         straight = shear[0] == 0.0  # a linear law
+        resists = past.shape[0] > 0
         t, inverse = np.zeros((4, dim)), np.zeros(4)
         # Phi and the effective strain q of each arm, and their derivatives by its length.
         w, w1, w2 = np.zeros(4), np.zeros(4), np.zeros(4)
@@ -111,7 +124,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                 if plain:
                     z, z1, z2 = length * b - 1.0, b, 0.0
                 else:
-                    z, z1, z2 = effective_strain(length * b, log_strain, ratio, width)
+                    z, z1, z2 = effective_strain(length * b, log_strain, arm_ratio, width)
                     z1, z2 = z1 * b, z2 * b * b
                 if law[0] == 0.0:
                     y2 = law[1]
@@ -129,7 +142,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                         grown += d * (x[n, arm, i] - x[n, 4, i] - d)
                     old = np.sqrt(old)
                     stretch = max(b * (old + grown / old), 1e-3)
-                    z, z1, z2 = effective_strain(stretch, log_strain, ratio, width)
+                    z, z1, z2 = effective_strain(stretch, log_strain, arm_ratio, width)
                     z1, z2 = z1 * b, z2 * b * b
                     y, y1, y2 = evaluate_law(law, z)
                     v1[arm], w2[arm] = y1 * z1, y2 * z1 * z1 + y1 * z2
@@ -155,20 +168,34 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     qi, fi = q[si], p[si] if foretold else q[si]
                 if sj != held_source:
                     qj, fj = q[sj], p[sj] if foretold else q[sj]
-                stretching += part * c12 * qi * qj
+                # What both do together, its derivatives by either strain; and those, with the
+                # second ones, where they were foretold.
+                both, by_i, by_j = c12 * qi * qj, c12 * qj, c12 * qi
+                to_i, to_j, to_ii, to_ij, to_jj = c12 * fj, c12 * fi, 0.0, c12, 0.0
+                if coupled:
+                    both, by_i, by_j, to_ii, to_ij, to_jj = evaluate_tension(
+                        biaxial, qi, qj, ratio, width
+                    )
+                    to_i, to_j = by_i, by_j
+                    if foretold:
+                        _, to_i, to_j, to_ii, to_ij, to_jj = evaluate_tension(
+                            biaxial, fi, fj, ratio, width
+                        )
+                stretching += part * both
                 if si != held_source:
+                    first = p1[si] if foretold else q1[si]
                     stretching += part * w[si]
-                    pull[si] += part * (w1[si] + c12 * qj * q1[si])
-                    told[si] += part * (v1[si] + c12 * fj * p1[si])
-                    slope_own[si] += part * (w2[si] + c12 * fj * q2[si])
+                    pull[si] += part * (w1[si] + by_i * q1[si])
+                    told[si] += part * (v1[si] + to_i * p1[si])
+                    slope_own[si] += part * (w2[si] + to_i * q2[si] + to_ii * first * first)
                 if sj != held_source:
+                    second = p1[sj] if foretold else q1[sj]
                     stretching += part * w[sj]
-                    pull[sj] += part * (w1[sj] + c12 * qi * q1[sj])
-                    told[sj] += part * (v1[sj] + c12 * fi * p1[sj])
-                    slope_own[sj] += part * (w2[sj] + c12 * fi * q2[sj])
+                    pull[sj] += part * (w1[sj] + by_j * q1[sj])
+                    told[sj] += part * (v1[sj] + to_j * p1[sj])
+                    slope_own[sj] += part * (w2[sj] + to_j * q2[sj] + to_jj * second * second)
                     if si != held_source:
-                        both = p1[si] * p1[sj] if foretold else q1[si] * q1[sj]
-                        slope_mixed[si // 2, sj // 2] += part * c12 * both
+                        slope_mixed[si // 2, sj // 2] += part * to_ij * first * second
                 # Shear between the directions of the two arms, or of those they take theirs from.
                 ri, rj = turn_source[n, i_arm], turn_source[n, j_arm]
                 sign_i, sign_j = 1.0, 1.0
@@ -191,6 +218,11 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     psi = 0.5 * psi1 * gamma
                 else:
                     psi, psi1, psi2 = evaluate_law(shear, gamma)
+                if resists:
+                    more, more1, more2 = shear_resistance(
+                        gamma, past[n, quadrant, 0], past[n, quadrant, 1], resistance
+                    )
+                    psi, psi1, psi2 = psi + more, psi1 + more1, psi2 + more2
                 shearing += part * psi
                 if level == 0:
                     continue
@@ -246,7 +278,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
                     for j in range(i, dim):
                         own[arm, i, j] += along * t[arm, i] * t[arm, j]
                         own[arm, j, i] = own[arm, i, j]
-            if c12 != 0.0:
+            if c12 != 0.0 or coupled:
                 for m in range(2):
                     for o in range(2):
                         for i in range(dim):
@@ -282,7 +314,7 @@ def _cruciform_kernel(dim: int) -> Callable[..., None]:
 
 def cruciforms(
     x, a, area, cloth: Cloth, level: int = STIFFNESS, strain_source=None, turn_source=None,
-    held=None, before=None, out=None,
+    held=None, before=None, past=None, resistance=None, out=None,
 ):  # fmt: skip
     """Energy, force and stiffness of cruciforms.
 
@@ -308,6 +340,9 @@ def cruciforms(
         tensions as unknowns (Magisano, Leonetti and Garcea 2017: "mixed integration points").
         Stiff yarns that turn in a step stretch to second order; their true tensions would spoil
         the stiffness by far more than the step has changed it. Energy and force do not change.
+    past : float (n, 4, 2), optional
+        Of each quadrant, the shear angle of the last accepted state and the angle at which friction
+        has its anchor, with ``resistance`` (5,): what laws.shear_resistance takes.
     out : tuple of arrays, optional
         Where to put the results.
 
@@ -326,7 +361,9 @@ def cruciforms(
         np.ascontiguousarray(own if strain_source is None else strain_source, np.int64),
         np.ascontiguousarray(own if turn_source is None else turn_source, np.int64),
         np.zeros((n, 4, dim)) if held is None else held,
-        cloth.warp, cloth.weft, cloth.shear, cloth.c12, cloth.log_strain,
-        cloth.compression, cloth.compression_width, level, *out,
+        np.empty((0, 4, 2)) if past is None else past,
+        cloth.warp, cloth.weft, cloth.shear, np.zeros(5) if resistance is None else resistance,
+        cloth.c12, cloth.log_strain,
+        cloth.compression, cloth.compression_width, cloth.biaxial, level, *out,
     )  # fmt: skip
     return out

@@ -51,8 +51,11 @@ class Path:
         return self.states[-1]
 
     def append(self, state: State) -> None:
-        """Go on to a state. Of two at one control the newer one counts."""
+        """Go on to a state. Of two at one control the newer one counts, and of a turn one side."""
         kept = [old for old in self.states if old.time != state.time]
+        if len(kept) > 1:
+            way = kept[-1].time - kept[-2].time
+            kept = kept[-1:] if (state.time - kept[-1].time) * way < 0.0 else kept
         self.states = [*kept[-2:], state]
 
 

@@ -27,7 +27,8 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
     """
     rounds: list[Found] = []
     loose, few = 1.0, np.inf
-    if any(guess.memory.values()):
+    lags = any(item.lags for item in equilibrium.model.items)
+    if lags and any(guess.memory.values()):
         loose, few = FIRST, np.inf if equilibrium.model.lagged(guess)[2] else FEW
     while len(rounds) < MOST_ROUNDS:
         rounds.append(equilibrium.solve(guess, loose, few))

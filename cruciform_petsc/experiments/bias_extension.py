@@ -140,9 +140,10 @@ class BiasExtension(Experiment):
         with np.errstate(divide="ignore", invalid="ignore"):  # yarns along the pull
             force = net_torque(angle, curve["load_N"], *sides) / np.cos(angle)
             load = net_load(angle, lambda g: law.evaluate(g)[1], *sides)
+        elastic = {} if self.network.fabric.remembers else {"load_net_N": load}
         return {
             "shear_net_deg": np.rad2deg(angle),
-            "load_net_N": load,
+            **elastic,
             "shear_force_N_per_mm": 1e-3 * force,
         }
 

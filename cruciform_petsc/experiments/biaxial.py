@@ -112,9 +112,13 @@ class Biaxial(Experiment):
             "tension_weft_N_per_cm": along_weft / self.size[warp] / 100.0,
         }
 
+    def travel(self, control: Any) -> Any:
+        """Along the warp."""
+        return control * self.size[self._warp_axis]
+
     def extensions(self, result: TestResult) -> np.ndarray:
         """Along the warp."""
-        return result.controls * self.size[self._warp_axis]
+        return self.travel(result.controls)
 
     def load_of(self, work: float, control: float) -> float:
         """Force that does the work of both directions on the warp's own extension, N."""

@@ -159,6 +159,10 @@ class Experiment:
         """The test's load from the work per change of the control; for an extension the same."""
         return work
 
+    def travel(self, control: Any) -> Any:
+        """How far what is pulled at ``test.speed`` has moved, m; shaped like `control`."""
+        return control
+
     def extra_columns(self, result: TestResult) -> dict[str, np.ndarray]:
         """Further columns of the curve. Collective."""
         return {}

@@ -17,6 +17,7 @@ from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Stage, Step
 from ..equilibrium.state import Found, Hold, State
 from ..errors import CruciformError, EquilibriumError
+from ..items.cruciforms import Course
 from ..items.loads import imperfection
 from ..items.ply import Ply
 from ..laws import Potential
@@ -67,6 +68,7 @@ class FiniteTest:
         self.ply = Ply(constraints, out_of_plane, experiment.flat)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
+        self.ply.cruciforms.course = Course(self.seconds, self.temperature)
         self.model = model_of(self.ply)
         self._hold = holder(self.ply)
 
@@ -86,6 +88,18 @@ class FiniteTest:
         """See Stage."""
         hold = self._hold(self.experiment.motions(self.grips, control))
         return hold, {self.ply.loads.name: self.experiment.load_factor(control)}
+
+    def seconds(self, before: float, now: float) -> float:
+        """See Course."""
+        speed = self.experiment.test.speed
+        if speed is None:
+            return 0.0
+        return abs(self.experiment.travel(now) - self.experiment.travel(before)) / speed.si
+
+    def temperature(self, now: float) -> float | None:
+        """See Course."""
+        told = self.experiment.test.temperature
+        return None if told is None else told.si
 
     def rate(self, control: float) -> np.ndarray:
         """See Stage."""
@@ -147,7 +161,7 @@ class FiniteTest:
         )
 
     def result_state(self, state: State, measured: Measured) -> result.State:
-        """What a result keeps of a state."""
+        """What a result keeps of a state, of which all is remembered that is past then."""
         ply = self.ply
         return result.State(
             state.time,
@@ -161,7 +175,8 @@ class FiniteTest:
         """The same of a state that was found before. Collective."""
         force, _, energies = self.model.force(state)
         found = Found(state, energies, force, 0, 0.0, 0.0, [], 0, 0, 0.0)  # not solved again
-        return self.result_state(state, self.measure(found))
+        after = replace(state, memory=self.model.accepted(state))
+        return self.result_state(after, self.measure(found))
 
 
 def solve_finite(
@@ -204,8 +219,10 @@ def solve_finite(
         loads = {mode for item in test.model.items if item.is_load for mode in item.modes}
         energies = step.increment.energies
         energies = {mode: energy for mode, energy in energies.items() if mode not in loads}
-        state = test.result_state(step.state, Measured(step.increment.load, step.forces))
-        increment = replace(step.increment, energies=energies, columns=found.row(state))
+        state = test.result_state(path.state, Measured(step.increment.load, step.forces))
+        spent = test.ply.dissipated(path.state)
+        columns = found.row(state) | {f"dissipated_{how}_J": spent[how] for how in spent}
+        increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)
         last[:] = [state]
         if increment.asked:

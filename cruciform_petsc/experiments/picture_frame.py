@@ -106,6 +106,10 @@ class PictureFrame(Experiment):
         a, b = self.size
         return float(work * self.diagonal(control) / (a * b * np.cos(control)))
 
+    def travel(self, control: Any) -> Any:
+        """Of the cross-head; for angles below zero of the other two corners, and below zero."""
+        return np.sign(control) * (self.diagonal(control) - self.diagonal(0.0))
+
     def extensions(self, result: TestResult) -> np.ndarray:
         """Of the cross-head."""
         return 1e-3 * result.curve(states=True)["crosshead_mm"]
@@ -120,7 +124,8 @@ class PictureFrame(Experiment):
         # F/(2 L cos theta) of a square frame of side L, whose diagonal is 2 L cos(theta).
         force = result.loads / diagonal
         columns = {"crosshead_mm": 1e3 * moved, "shear_force_N_per_mm": 1e-3 * force}
-        if self.finite:  # uniform shear: psi' = F cos(gamma)/diagonal, see calibration.formula
+        # Uniform shear: psi' = F cos(gamma)/diagonal, see calibration.formula.
+        if self.finite and not self.network.fabric.remembers:
             torque = self.network.fabric.shear.evaluate(result.controls)[1]
             columns["load_net_N"] = torque * diagonal / np.cos(result.controls)
         return columns

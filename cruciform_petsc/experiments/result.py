@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import shapely
 
+from ..drawn import InSpace, Mapped, Plotted, Shown
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
 from ..quantities import LOAD, data_frame
@@ -86,7 +87,7 @@ class CentreLine(NamedTuple):
 
 
 @dataclass
-class TestResult:
+class TestResult(Shown, Plotted, Mapped, InSpace):
     """What a test gives; one value is that of the last state."""
 
     __test__ = False  # not a test for pytest

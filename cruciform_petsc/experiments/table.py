@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..errors import Problems
+from ..errors import InputError, Problems
 from ..fields import Count, Of, Quantities, Size, Table, si_values
-from ..units import format_si
+from ..units import Quantity, format_si
 
 TOO_FAR = 10.0  # times its length: what no specimen is pulled by
 
@@ -88,6 +89,12 @@ class TestTable(KindTable):
     """Least number of steps to the last value, with finite = true. Steps are cut further where
     needed. Example: `20`"""
 
+    speed: Annotated[Quantity, Of("m/s", good=lambda v: v > 0.0, wanted="positive")] | None = None
+    """Of the edge that is pulled (of a picture frame its crosshead), for cloth whose shear is
+    viscous: fabric.shear_viscosity. Example: `"100 mm/min"`"""
+    temperature: Annotated[Quantity, Of("K")] | None = None
+    """Of the cloth, for the same; by default that of fabric.shear_viscosity."""
+
     @model_validator(mode="after")
     def _one_control(self) -> TestTable:
         given = [key for key in self.controls if getattr(self, key) is not None]
@@ -132,6 +139,23 @@ class TestTable(KindTable):
         if self.space:
             with problems.caught():
                 fabric.out_of_plane("test.space = true")
+        if fabric.remembers and not self.finite:
+            what = "shear_friction" if fabric.shear_viscosity is None else "shear_viscosity"
+            problems.append(f"fabric.{what} needs test.finite = true")
+        problems += check_viscosity(fabric, self.temperature, "test.temperature")
+        flows = fabric.shear_viscosity is not None
+        if flows and next(iter(self.controls.values())) == "N":
+            problems.append(
+                f'test.kind = "{self.kind}" prescribes a load, at no speed that '
+                "fabric.shear_viscosity could act by, leave that out"
+            )
+        elif flows and self.speed is None:
+            problems.append(
+                "test.speed is missing, which fabric.shear_viscosity needs: for example "
+                '"100 mm/min"'
+            )
+        elif self.speed is not None and not flows:
+            problems.append("test.speed matters with fabric.shear_viscosity only, leave it out")
         largest, length = max(map(abs, self.values_si)), float(preform.size[1])
         if self.controls[self.control] == "m" and largest > TOO_FAR * length:
             problems.append(
@@ -148,6 +172,20 @@ class PullTable(TestTable):
     """By which the upper edge is pulled, one value or a list. Either this or load."""
     load: Forces | None = None
     """Force on the upper edge, one value or a list. Either this or extension."""
+
+
+def check_viscosity(fabric: Fabric, temperature: Quantity | None, key: str) -> Iterator[str]:
+    """Problems of a temperature that a test or a stage has, at a key."""
+    if temperature is None:
+        return
+    flow = fabric.shear_viscosity
+    if flow is None or flow.activation_energy is None:
+        yield f"{key} matters with fabric.shear_viscosity.activation_energy only, leave it out"
+        return
+    try:
+        flow.at(temperature.si)
+    except InputError as error:
+        yield f"{key}: {error}"
 
 
 def small_unless_told(test: dict[str, Any]) -> dict[str, Any]:

@@ -234,14 +234,14 @@ class Blank:
     def placed_anew(self, state: State, moved: np.ndarray) -> State:
         """A state whose nodes ``moved``, bool (n_local,), remember but what they have spent.
 
-        Items keep what they remember of elements by their first node.
+        Rows of what items remember are by their keepers.
         """
         fresh, memory = self.model.accepted(replace(state, memory={})), {}
         for item in self.model.items:
             kept = dict(state.memory.get(item.name, {}))
             for name, new in fresh.get(item.name, {}).items():
                 if name not in SUMS and name in kept:
-                    rows = moved[item.nodes[:, 0]].reshape(-1, *[1] * (new.ndim - 1))
+                    rows = moved[item.keepers].reshape(-1, *[1] * (new.ndim - 1))
                     kept[name] = np.where(rows, new, kept[name])
             memory[item.name] = kept
         return replace(state, memory=memory)
@@ -270,11 +270,15 @@ class Blank:
         return found
 
     def spent(self, state: State) -> dict[str, float]:
-        """What friction and viscosity have dissipated up to an accepted state, J. Collective."""
+        """What friction and viscosity have dissipated up to an accepted state, J. Collective.
+
+        On tools, by the blank's own viscosity, and in its shear if that remembers.
+        """
         rubbed = sum(state.memory[item.name]["spent"].sum() for item in self.contacts)
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))
-        return {"friction": float(total[0]), "viscous": float(total[1])}
+        spent = {"friction": float(total[0]), "viscous": float(total[1])}
+        return spent | self.ply.dissipated(self.of_cloth(state))
 
     def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
         """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import ConfigDict, Field, PlainValidator, TypeAdapter
 
+from ..drawn import InSpace, Mapped, Plotted, Shown
 from ..equilibrium.follow import Path, follow
 from ..equilibrium.newton import Equilibrium
 from ..equilibrium.stages import Increment, Measured, Step
@@ -72,7 +73,7 @@ class FormingStep:
 
 
 @dataclass
-class Formed:
+class Formed(Shown, Plotted, Mapped, InSpace):
     """What a forming has come to.
 
     Attributes
@@ -82,11 +83,18 @@ class Formed:
         All that were accepted.
     states : list of State
         Those asked for; the last one that was accepted is the last here.
+    of : Forming
+        What was formed; None of a blank without one.
     """
 
     blank: Blank
     steps: list[FormingStep] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
+    of: Any = None  # its module imports this one
+
+    def __repr__(self) -> str:
+        done = f"{self.steps[-1].increment.control:.4g} stages done, " if self.steps else ""
+        return f"Formed({len(self.steps)} steps, {done}{self.blank.network!r})"
 
     def add(self, step: FormingStep, state: State) -> None:
         """Add an accepted step."""

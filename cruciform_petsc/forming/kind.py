@@ -36,8 +36,10 @@ from .table import (
     FormingTable,
     StageTable,
     below_cloth,
+    check_course,
     check_pressure,
     check_stages,
+    course_of,
     laying_stages,
 )
 
@@ -116,6 +118,7 @@ class Forming:
         self.clamps = tables_of(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
         check_stages(test, tables, self.stages, self.clamps)
+        check_course(fabric, self.stages)
         check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
@@ -153,6 +156,7 @@ class Forming:
         if self.draped is not None:
             self.remarks += self.draped.remarks()
             self._check_planes()
+        self.blank.ply.cruciforms.course = course_of(test, self.stages)
 
     def _load(self) -> float:
         """What pushes the blank as a whole at most: its weight, pressures; Pa."""
@@ -449,7 +453,7 @@ class Forming:
             On every rank, with the stage and the place; its ``result`` is what was reached.
         """
         try:
-            return form(
+            formed = form(
                 self.blank,
                 self.plans,
                 options=self.options,
@@ -457,7 +461,10 @@ class Forming:
                 keeper=keeper,
                 between=self._between if self.rows is not None else None,
             )
+            return replace(formed, of=self)
         except EquilibriumError as error:
+            if error.result is not None:
+                error.result.of = self
             laying = 0 if self.rows is None else len(self.rows.last)
             explain(self.blank, self.stages, error, keeper is not None, laying)
             raise

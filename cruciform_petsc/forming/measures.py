@@ -227,3 +227,9 @@ def yarn_directions(blank: Blank, state: State) -> tuple[np.ndarray, np.ndarray]
         along = t[:, family] - t[:, family + 2]
         wide[family, cruciforms.rows] = along / np.linalg.norm(along, axis=1)[:, None]
     return wide[0], wide[1]
+
+
+def across(warp: np.ndarray, weft: np.ndarray) -> np.ndarray:
+    """Unit vectors across yarns (n, 3), along warp times weft; NaN where there are none."""
+    normal = np.cross(warp, weft)
+    return normal / np.linalg.norm(normal, axis=1)[:, None]

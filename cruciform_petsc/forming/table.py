@@ -15,15 +15,16 @@ from pydantic import AfterValidator, Field, model_validator
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems, unknown
-from ..experiments.table import KindTable
+from ..experiments.table import KindTable, check_viscosity
 from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
 from ..items.clamps import Clamp, clamp_name
+from ..items.cruciforms import Course
 from ..items.nodes import PlyNodes
 from ..tools.motion import Motion, Pose
 from ..tools.tool import Curve, Place, ToolTable, TurnTable, motion
 from ..units import Quantity, format_si
 from .fishnet_table import StartTable
-from .press import LARGEST_STEP, StagePlan
+from .press import LARGEST_STEP, StagePlan, stage_number
 
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
@@ -143,6 +144,9 @@ class FormingTable(KindTable):
     fishnet: StartTable | None = None
     """Begin with the cloth laid on a tool as a net of yarns that keep their lengths.
     Example: `{ seed = ["0 mm", "0 mm"] }`"""
+    temperature: Annotated[Quantity, Of("K")] | None = None
+    """Of the cloth, for fabric.shear_viscosity; by default that of its measurement. Stages may have
+    their own."""
     contact: ContactTable = ContactTable()
     """Compaction, elastic slip and viscosity, where they shall be others than the program's.
     Example: `{ stiffness = "20 kPa/mm" }`"""
@@ -182,9 +186,15 @@ class FormingTable(KindTable):
             fabric.needed("thickness", by)
         with problems.caught():
             fabric.out_of_plane(by)
+        problems += check_viscosity(fabric, self.temperature, "test.temperature")
         if self.gravity:
             with problems.caught():
                 fabric.needed("areal_density", "test.gravity = true")
+        if laying_stages(self) and fabric.shear_viscosity is not None:
+            problems.append(
+                "test.fishnet.pieces are laid in no time, which fabric.shear_viscosity needs: "
+                "leave one of them out"
+            )
         problems.tell()
 
 
@@ -245,6 +255,10 @@ class StageTable(Table):
     suction: Pressure | None = None
     """Alike, right at free edges, too: what a vacuum under the cloth pulls it down by. Negative:
     upwards. Example: `"80 kPa"`"""
+    duration: Annotated[Quantity, Of("s", good=lambda s: s > 0.0, wanted="positive")] | None = None
+    """How long the stage takes, for cloth with fabric.shear_viscosity. Example: `"2 s"`"""
+    temperature: Annotated[Quantity, Of("K")] | None = None
+    """Of the cloth from this stage on, in place of test.temperature. Example: `"120 degC"`"""
     results: Annotated[Count, Field(le=10_000)] = 1
     """States that are written, evenly over the stage."""
     step: Step | None = None
@@ -295,6 +309,38 @@ def laying_stages(test: FormingTable) -> list[StageTable]:
         return []
     names = [f"lay {number}" for number in range(1, table.pieces + 1)]
     return [StageTable(name=name) for name in names]
+
+
+def check_course(fabric: Fabric, stages: Sequence[StageTable]) -> None:
+    """Raise InputError if the time or the temperature of stages is missing, or is for nothing."""
+    problems, flows = Problems(), fabric.shear_viscosity is not None
+    for i, stage in enumerate(stages):
+        if flows and stage.duration is None:
+            problems.append(
+                f"stage[{i}].duration is missing, which fabric.shear_viscosity needs: for example "
+                '"2 s"'
+            )
+        elif stage.duration is not None and not flows:
+            problems.append(
+                f"stage[{i}].duration matters with fabric.shear_viscosity only, leave it out"
+            )
+        problems += check_viscosity(fabric, stage.temperature, f"stage[{i}].temperature")
+    problems.tell()
+
+
+def course_of(test: FormingTable, stages: Sequence[StageTable]) -> Course:
+    """How stages run in time and temperature."""
+    ends = np.cumsum([0.0, *(0.0 if s.duration is None else s.duration.si for s in stages)])
+    told, temperatures = test.temperature, []
+    for stage in stages:
+        told = stage.temperature or told
+        temperatures.append(None if told is None else told.si)
+    begins = np.arange(len(ends), dtype=float)
+
+    def seconds(before: float, now: float) -> float:
+        return float(np.interp(now, begins, ends) - np.interp(before, begins, ends))
+
+    return Course(seconds, lambda now: temperatures[stage_number(now)])
 
 
 def check_stages(

@@ -32,7 +32,7 @@ import numpy as np
 from ..equilibrium.state import State
 from ..parallel import least, most
 from .blank import Blank
-from .measures import yarn_directions
+from .measures import across, yarn_directions
 
 LONGEST = 0.04  # m: wavelength L up to which waves are measured whole,
 LARGE = 0.5  # of the blank's smaller side at most,
@@ -137,8 +137,7 @@ class Waves:
         direction = np.stack(yarn_directions(blank, state))
         curvature_vector = _bent(neighbours, x)[:, hinge]
         curvature_vector -= (curvature_vector * direction).sum(axis=2)[..., None] * direction
-        normal = np.cross(direction[0], direction[1])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        normal = across(direction[0], direction[1])
         tools = list(_tools(blank, state, x[hinge]))
 
         def wide(columns: np.ndarray) -> np.ndarray:

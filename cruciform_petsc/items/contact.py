@@ -77,6 +77,7 @@ class Contact(Item):
     """
 
     modes = ("contact", "friction")
+    lags = True
 
     def __init__(self, name, surface, nodes, tool, area, offset, stiffness, width, friction, slip):
         self.name, self.surface = name, surface

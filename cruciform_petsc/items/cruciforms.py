@@ -1,12 +1,19 @@
 # SPDX-License-Identifier: MIT
-"""Cruciforms of a network as an item: tension and shear of crossovers that carry load."""
+"""Cruciforms of a network as an item: tension and shear of crossovers that carry load.
+
+What resists shear beside its law has a memory (`State.memory`, see Cruciforms.accepted).
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..elements import cruciform
 from ..elements.cruciform import Cloth
+from ..laws import linear, shear_resistances
 from ..net.lattice import HELD, OPPOSITE, QUADRANTS
 from .item import Item, Placed, Work
 from .nodes import PlyNodes, unit
@@ -14,6 +21,22 @@ from .nodes import PlyNodes, unit
 LARGEST_STRETCH = 2.0  # laws of tension do not end, yarns do
 PARALLEL = np.deg2rad(1.0)  # in space: yarns this close to each other lie along each other
 SIGN = np.array([1.0, -1.0, 1.0, -1.0])  # of the shear angle, order of QUADRANTS
+
+
+@dataclass(frozen=True)
+class Course:
+    """How a test runs in time and temperature; by default in no time.
+
+    Attributes
+    ----------
+    seconds : callable
+        Two of the times that drive stages -> seconds between them.
+    temperature : callable
+        Such a time -> temperature, K; None: that of the fabric's measurements.
+    """
+
+    seconds: Callable[[float, float], float] = lambda before, now: 0.0
+    temperature: Callable[[float], float | None] = lambda now: None
 
 
 class Cruciforms(Item):
@@ -27,6 +50,7 @@ class Cruciforms(Item):
     area : float (m, 4), m^2, of the quadrants
     strain_source, turn_source : int (m, 4)
         See elements.cruciform.cruciforms.
+    course : Course
     """
 
     name = "cruciforms"
@@ -61,6 +85,7 @@ class Cruciforms(Item):
         for k, sign in ((arm, 1.0), (OPPOSITE[arm], -1.0)):  # both count at the hinge
             self._along[at, k] = np.where(arm < 2, 0.5 * sign, -0.5 * sign)
         self._at_rest = np.zeros((0, 4, ply.dim))
+        self.course = Course()
 
     def held(self, state: Placed, rows: slice) -> np.ndarray:
         """Directions in which clamps hold the arms of elements, (m, 4, dim); else as at rest."""
@@ -90,7 +115,63 @@ class Cruciforms(Item):
             self.turn_source[rows],
             self.held(state, rows),
             None if before is None else before[nodes],
+            *self._resistance(state, rows),
         )
+
+    # -- memory -----------------------------------------------------------------------------------
+
+    @property
+    def keepers(self) -> np.ndarray:
+        """See Item.keepers: hinges; arm ends are shared."""
+        return self.nodes[:, 4]
+
+    def _memory(self, state: Placed) -> dict[str, np.ndarray]:
+        """What is remembered at a state; before the first accepted one, of cloth at rest."""
+        size, none = len(self.rows), np.zeros((len(self.rows), 4))
+        rest = {"angle": none, "anchor": none, "time": np.zeros(size), "spent": np.zeros(size)}
+        return rest | dict(state.memory.get(self.name, {}))
+
+    def _resistance(
+        self, state: Placed, rows: slice = slice(None)
+    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Past (m, 4, 2) and numbers (5,) as the kernels take them; None for an elastic cloth."""
+        fabric = self.network.fabric
+        if not fabric.remembers:
+            return None, None
+        memory, numbers = self._memory(state), np.array([0.0, 1.0, 0.0, 0.0, 1.0])
+        if fabric.shear_viscosity is not None and len(self.rows):
+            flow = fabric.shear_viscosity
+            numbers[0] = flow.at(self.course.temperature(state.time))
+            numbers[1] = flow.exponent
+            numbers[2] = self.course.seconds(float(memory["time"][0]), state.time)
+        if fabric.shear_friction is not None:
+            numbers[3:] = fabric.shear_friction.torque, fabric.shear_friction.slip
+        return np.stack([memory["angle"][rows], memory["anchor"][rows]], axis=2), numbers
+
+    def accepted(self, state: Placed) -> dict[str, np.ndarray]:
+        """See Item.accepted: shear angles of the quadrants and what friction's are anchored at.
+
+        Anchors follow what has slid (return mapping); ``spent``: what each cruciform's shear has
+        dissipated, J.
+        """
+        past, numbers = self._resistance(state)
+        if past is None or numbers is None:
+            return {}
+        memory, angle = self._memory(state), self.quadrant_angles(self.arms(state)[1])
+        flow = numbers * [1.0, 1.0, 1.0, 0.0, 1.0]
+        spent = shear_resistances(angle, past[..., 0], past[..., 1], flow)[1]
+        spent = spent * (angle - past[..., 0])
+        torque, slip = numbers[3:]
+        anchor = np.clip(past[..., 1], angle - slip, angle + slip)
+        spent = spent + torque * abs(anchor - past[..., 1])
+        # No quadrant that is not there: angles of missing arms mean nothing.
+        total = np.einsum("mq,mq->m", self.area, np.where(self.area > 0.0, spent, 0.0))
+        return {
+            "angle": angle,
+            "anchor": anchor,
+            "time": np.full(len(self.rows), state.time),
+            "spent": memory["spent"] + total,
+        }
 
     # -- what a state of cloth cannot be --------------------------------------------------------
 
@@ -199,14 +280,16 @@ class Cruciforms(Item):
 
 def cloth(fabric) -> Cloth:
     """A Fabric in the kernels' terms."""
+    biaxial, none = fabric.biaxial_law, linear(0.0)
     return Cloth(
-        fabric.warp_tension.packed,
-        fabric.weft_tension.packed,
+        (fabric.warp_tension if biaxial is None else none).packed,
+        (fabric.weft_tension if biaxial is None else none).packed,
         fabric.shear.packed,
-        float(fabric.c12),
+        float(fabric.c12) if biaxial is None else 0.0,
         bool(fabric.log_strain),
         float(fabric.compression),
         float(fabric.compression_width),
+        np.zeros(0) if biaxial is None else biaxial.packed,
     )
 
 

@@ -55,12 +55,20 @@ class Item:
     is_load : bool
         Whether it pushes from outside: its forces then count in what balance is measured by, and
         its energy is none of the cloth's strain energy.
+    lags : bool
+        Whether it takes something as given while equilibrium is sought, see `lagged`.
     """
 
     name: str = ""
     modes: Sequence[str] = ()
     nodes: np.ndarray
     is_load = False
+    lags = False
+
+    @property
+    def keepers(self) -> np.ndarray:
+        """Local nodes (m,), this rank's own and all different: checkpoints keep memory by them."""
+        return self.nodes[:, 0]
 
     def work(
         self, state: Placed, level: int, rows: slice = slice(None), before: np.ndarray | None = None
@@ -105,8 +113,7 @@ class Item:
     def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
         """What to remember of a state that was accepted: arrays (m, ...), a row an element.
 
-        Checkpoints keep a row by its element's first node: an item that remembers has elements that
-        begin with nodes of this rank, none with the same.
+        Checkpoints keep a row by its element's node in ``keepers``.
         """
         return {}
 

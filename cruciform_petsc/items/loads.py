@@ -186,6 +186,7 @@ class Suction(Item):
     name = "suction"
     modes = ("suction",)
     is_load = True
+    lags = True
 
     def __init__(self, ply: PlyNodes, pressure: float):
         self._facets, self._weight = facets(ply)

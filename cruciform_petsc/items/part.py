@@ -24,8 +24,14 @@ class OfPart(Item):
 
     def __init__(self, item: Item, at: np.ndarray):
         self.item, self.name, self.modes, self.is_load = item, item.name, item.modes, item.is_load
+        self.lags = item.lags
         self.nodes, self._at = at[item.nodes].astype(np.int32), at
         self._last: tuple[Placed, Placed] | None = None
+
+    @property
+    def keepers(self) -> np.ndarray:
+        """See Item.keepers."""
+        return self._at[self.item.keepers]
 
     def _view(self, state: Placed) -> Placed:
         """The state as its part sees it."""

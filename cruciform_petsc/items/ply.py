@@ -72,6 +72,16 @@ class Ply(PlyNodes):
         angles = abs(self.cruciforms.shear_angles(self.cruciforms.arms(state)[1]))
         return most(self.comm, angles[self.carrying(state)[self.cruciforms.rows]], 0.0)
 
+    def dissipated(self, state: Placed) -> dict[str, float]:
+        """What viscosity and friction of shear have dissipated up to an accepted state, J.
+
+        By its name, "in_shear"; of an elastic cloth none. Collective.
+        """
+        if not self.network.fabric.remembers:
+            return {}
+        spent = state.memory.get(self.cruciforms.name, {}).get("spent", np.zeros(1))
+        return {"in_shear": self.comm.allreduce(float(spent.sum()))}
+
     def carrying(self, state: Placed) -> np.ndarray:
         """Which of this rank's crossovers carry load, bool (n_owned,)."""
         stays = kept(self.network.crossover_position, self.cuts, state.factors)
@@ -91,11 +101,7 @@ class Ply(PlyNodes):
             t0[:, 0] * t[..., 1] - t0[:, 1] * t[..., 0], np.einsum("mki,ki->mk", t, t0)
         )
         warp, weft = c.mean(stretch - 1.0, 0), c.mean(stretch - 1.0, 1)
-        e, e1, _ = fabric.effective_strain(1.0 + np.stack([warp, weft]))
-        tension = (
-            (fabric.warp_tension.evaluate(e[0])[1] + fabric.c12 * e[1]) * e1[0],
-            (fabric.weft_tension.evaluate(e[1])[1] + fabric.c12 * e[0]) * e1[1],
-        )
+        tension = fabric.tension(1.0 + np.stack([warp, weft], axis=-1))[1]
         energy = np.concatenate([c.work(state, ENERGY, rows)[0] for rows in c.chunks()])
         bent = np.zeros((nodes.num_nodes_local, len(self.bends.modes)))
         for rows in self.bends.chunks():
@@ -117,8 +123,8 @@ class Ply(PlyNodes):
             "arm_rotation": spread(rotation),
             "warp_strain": spread(warp),
             "weft_strain": spread(weft),
-            "warp_tension": spread(tension[0]),
-            "weft_tension": spread(tension[1]),
+            "warp_tension": spread(tension[:, 0]),
+            "weft_tension": spread(tension[:, 1]),
             "shear_angle": spread(c.shear_angles(t)),
             "tension_energy": spread(energy[:, 0]),
             "shear_energy": spread(energy[:, 1]),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,7 @@ from ..calibration.load_curve import PLACE
 from ..calibration.result import LARGEST_ERROR, Calibration, Comparison, Prediction, rms
 from ..cloth.fabric import TORQUE
 from ..parallel import on_root
-from .pictures import COLOURS, DASHES, plain_text, save
+from .pictures import COLOURS, DASHES, figure_of, given, plain_text, save
 from .tables import write_csv, write_json, written_whole
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpi4py import MPI
 
+    from .pictures import Given
+
+PARTS = ("loads", "residuals", "law")  # of the picture
 DIGITS = 4  # of the law; loads are not measured to more
 # How matplotlib draws things.
 DASHED: dict[str, Any] = {"linestyle": DASHES[1], "linewidth": 1.2, "color": "0.55"}
@@ -173,17 +177,38 @@ def hold_out_summary(prediction: Prediction) -> dict[str, Any]:
     }
 
 
-def figure(calibration: Calibration, title: str = "") -> Figure:
-    """Make the figure: axes of the load curves, of the residuals, of the law."""
-    from matplotlib.figure import Figure
+def figure(
+    calibration: Calibration,
+    title: str = "",
+    parts: Sequence[str] = PARTS,
+    ax: Given = None,
+) -> Figure:
+    """Draw the load curves, the residuals, the law, or those of them that are ``parts``.
 
-    chart = Figure(figsize=(9.6, 4.4), layout="constrained")
-    grid = chart.add_gridspec(2, 2, height_ratios=(2.6, 1.0))
-    curves = chart.add_subplot(grid[0, 0])
-    _draw_curves(curves, calibration)
-    _draw_residuals(chart.add_subplot(grid[1, 0], sharex=curves), calibration)
-    _draw_law(chart.add_subplot(grid[:, 1]), calibration)
-    if title:
+    See pictures.py of ``ax``.
+    """
+    chart: Any
+    if ax is not None:
+        every = given(ax, len(parts))
+        chart = every[0].figure
+    elif len(parts) == 1:
+        chart = figure_of(figsize=(5.4, 3.7), layout="constrained")
+        every = [chart.add_subplot()]
+    else:
+        chart = figure_of(figsize=(9.6, 4.4), layout="constrained")
+        grid = chart.add_gridspec(2, 2, height_ratios=(2.6, 1.0))
+        curves = chart.add_subplot(grid[0, 0])
+        every = [
+            curves,
+            chart.add_subplot(grid[1, 0], sharex=curves),
+            chart.add_subplot(grid[:, 1]),
+        ]
+    draw = {"loads": _draw_curves, "residuals": _draw_residuals, "law": _draw_law}
+    for axes, part in zip(every, parts, strict=True):
+        draw[part](axes, calibration)
+    if ax is None and len(parts) > 1:
+        every[0].label_outer()  # the residuals are below the loads
+    if title and ax is None:
         chart.suptitle(plain_text(title), fontsize=10.5)
     return chart
 
@@ -199,8 +224,8 @@ def _draw_curves(axes: Axes, c: Calibration) -> None:
         axes.plot(np.append(0.0, d[part]), fitted, color=COLOURS[0], label=fit)
         axes.plot(d[part], f[part], "o", label=data, zorder=5, **MEASURED)
         start = fit = data = "_"  # in the legend once
-    axes.set(ylabel="load (N)", xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
-    axes.tick_params(labelbottom=False)
+    axes.set(xlabel="displacement (mm)", ylabel="load (N)")
+    axes.set(xlim=(0.0, 1.03 * d.max()), ylim=(0.0, None))
     axes.legend(loc="upper left")
     axes.set_title("Load curve", loc="left")
 

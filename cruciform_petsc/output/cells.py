@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +100,12 @@ def lattice_cells(
     rest = network.origin + network.to_lab(lattice * network.pitch)
     ratio, zone = area / network.pitch.prod(), np.where(same, zones[:, 0], -1)
     return Cells(key, corner, rest, place, warp, weft, ratio, zone)
+
+
+def area_ratio(fields: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Area of the cloth now over that at rest at crossovers, (n,): J of docs/exports.md."""
+    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
+    return stretched * np.cos(fields["shear_angle"])
 
 
 def thickening(area_ratio: np.ndarray, hold: str) -> np.ndarray:

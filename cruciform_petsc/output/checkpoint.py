@@ -401,7 +401,7 @@ class _Part:
             values[: len(own)] = owned
             return nodes.halo.forward(values)
 
-        first = {item.name: item.nodes[:, 0] for item in model.items}
+        first = {item.name: item.keepers for item in model.items}
         memory = {
             item: {name: found[f"{item}/{name}"][first[item]] for name in of_item}
             for item, of_item in arrays.memory.items()
@@ -632,7 +632,7 @@ class Checkpoint:
         for item in model.items:
             for label in arrays.memory.get(item.name, {}):
                 values = states[-1].memory[item.name][label]
-                records[f"{item.name}/{label}"][item.nodes[:, 0]] = values
+                records[f"{item.name}/{label}"][item.keepers] = values
         data = io.BytesIO()
         np.save(data, records, allow_pickle=False)
         new = self.folder / comm.bcast(f"new-{os.getpid()}")

@@ -15,12 +15,13 @@ from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.result import State as Fields
 from ..forming.draping import Draping
-from ..forming.measures import yarn_directions
+from ..forming.measures import across, yarn_directions
 from ..quantities import quantity
 from . import paraview, pictures, scene
-from .formed import MM, tool_arrays, write_columns
+from .formed import MM, tool_arrays
 from .provenance import provenance
 from .sample import sample_map, sample_surface
+from .tables import write_crossovers
 from .view import View
 
 if TYPE_CHECKING:
@@ -81,8 +82,7 @@ def crossover_columns(draping: Draping) -> dict[str, np.ndarray]:
     place = np.where(laid.laid[:, None], laid.crossovers, np.nan)
     along = np.stack(yarn_directions(draping.blank, draping.state))
     along[:, ~laid.laid] = np.nan
-    normal = np.cross(*along)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = across(*along)
     area = np.cos(fields["shear_angle"])
     mass, fraction = (
         np.nan if value is None else value
@@ -106,7 +106,7 @@ def crossover_columns(draping: Draping) -> dict[str, np.ndarray]:
 
 def write_fields(path: Path, draping: Draping) -> None:
     """Write fields.csv, a row for each crossover, in one order on any ranks. Collective."""
-    write_columns(path, draping.network, crossover_columns(draping))
+    write_crossovers(draping.network, path, crossover_columns(draping))
 
 
 def curve(summary: Mapping[str, Any]) -> dict[str, list[float]]:

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from ..forming.measures import yarn_directions
+from ..forming.measures import across, yarn_directions
 from ..net.lattice import ARM_STEP
 from .abaqus import input_file
 from .calculix import bricks
-from .cells import thickening
+from .cells import area_ratio, thickening
 from .folder import prepare_directory
 from .mesh import Mesh, mesh_of
 from .openradioss import starter_file
-from .tables import in_order, lines, write_pieces
+from .tables import write_crossovers, write_pieces, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -69,18 +69,8 @@ def export(
     network, comm = result.network, result.network.comm
     directory = prepare_directory(comm, folder)
     table, deck = paths = [directory / "crossovers.csv", directory / "preform.inp"]
-    own = _crossover_columns(result, result.states[index], hold)
-    number, rows = in_order(
-        comm,
-        network.crossover_number_global,
-        network.num_crossovers_global,
-        np.column_stack(list(own.values())),
-    )
-    head = ",".join(["crossover", *own]) + "\n" if comm.rank == 0 else ""
-    template = ",".join(["%d", *["%.10g"] * (len(own) - 1), "%d"])
-    # An empty field where the fabric's data do not give a value.
-    text = lines(template, number, rows).replace(b"nan", b"")
-    write_pieces(comm, table, [head.encode(), text])
+    own = crossover_columns(result, result.states[index], hold)
+    write_crossovers(network, table, own)
     column, experiment, state = result.experiment.column, result.experiment, result.states[index]
     mesh = mesh_of(
         network,
@@ -136,27 +126,21 @@ def export_formed(
     network, blank, comm = forming.network, forming.blank, forming.network.comm
     directory, fields = Path(folder), blank.ply.fields(blank.of_cloth(state))
     warp, weft = yarn_directions(blank, state)
-    across = np.nan_to_num(np.cross(warp, weft))
-    across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
     mesh = mesh_of(
         network,
         forming.kind,
         f"stages done = {state.time:.9g}",
         hold,
         blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"],
-        across,
+        np.nan_to_num(across(warp, weft)),
         fields["carrying"],
         np.rad2deg(fields["shear_angle"]),
-        stretched * np.cos(fields["shear_angle"]),
+        area_ratio(fields),
     )
-    cells = _cell_columns(mesh)
-    head = ",".join(["cell", *cells]) + "\n" if comm.rank == 0 else ""
-    text = lines(",".join(["%d", *["%.10g"] * len(cells)]), mesh.element, *cells.values())
     paths = [
         directory / n for n in ("cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad")
     ]
-    write_pieces(comm, paths[0], [head.encode(), text.replace(b"nan", b"")])
+    write_rows(comm, paths[0], "cell", mesh.element, _cell_columns(mesh))
     for path, pieces in zip(
         paths[1:], (input_file(mesh), bricks(mesh), starter_file(mesh)), strict=True
     ):
@@ -183,7 +167,9 @@ def _cell_columns(mesh: Mesh) -> dict[str, np.ndarray]:
     }
 
 
-def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str, np.ndarray]:
+def crossover_columns(
+    result: TestResult, state: State, hold: str = HELD[0]
+) -> dict[str, np.ndarray]:
     """What is told of this rank's crossovers (n_owned,), NaN where it is not known. Collective."""
     network, fabric, fields = result.network, result.network.fabric, state.fields
     rotation = _yarn_rotations(result, state)
@@ -191,9 +177,8 @@ def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str,
     warp = network.to_lab(np.column_stack([cosine[:, 0], sine[:, 0]]))
     weft = network.to_lab(np.column_stack([-sine[:, 1], cosine[:, 1]]))
     shear = rotation[:, 0] - rotation[:, 1]
-    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
-    area_ratio = stretched * np.cos(shear)
-    thicker = thickening(area_ratio, hold)
+    ratio = area_ratio(fields | {"shear_angle": shear})
+    thicker = thickening(ratio, hold)
     rest = 1e3 * network.crossover_position
     now = rest + 1e3 * fields["displacement"]
     mass, thickness, fraction = (
@@ -210,10 +195,10 @@ def _crossover_columns(result: TestResult, state: State, hold: str) -> dict[str,
         "weft_x": weft[:, 0],
         "weft_y": weft[:, 1],
         "shear_deg": np.rad2deg(shear),
-        "area_ratio": area_ratio,
-        "areal_density_g_per_m2": 1e3 * mass / area_ratio,
+        "area_ratio": ratio,
+        "areal_density_g_per_m2": 1e3 * mass / ratio,
         "thickness_mm": 1e3 * thickness * thicker,
-        "fibre_volume_fraction": fraction / (area_ratio * thicker),
+        "fibre_volume_fraction": fraction / (ratio * thicker),
         "warp_tension_N_per_mm": 1e-3 * fields["warp_tension"],
         "weft_tension_N_per_mm": 1e-3 * fields["weft_tension"],
         "carrying": fields["carrying"],

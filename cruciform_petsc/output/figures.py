@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..experiments.net_kinematics import net_angle
 from ..parallel import least, most
 from ..quantities import EXTENSION, LOAD, energy_unit, force_unit, quantity
@@ -20,11 +21,15 @@ from .summary import ROUNDING_N
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from mpi4py import MPI
 
     from ..calibration.curve import MeasuredCurve
+    from ..experiments.experiment import Experiment
     from ..experiments.result import State, TestResult
+    from .pictures import Given
 
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
+CLOSED_FORM = "closed form, yarns neither stretch nor bend"
 STAGES = 4  # states side by side
 
 Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
@@ -51,27 +56,56 @@ def draw_all(
     return list(drawn)
 
 
-def plot(result: TestResult, path: str | Path, title: str = "") -> None:
-    """Draw the yarns before and after as a PNG, coloured by shear angle. Collective.
+def plot(
+    result: TestResult, path: str | Path | None = None, title: str = "", *, ax: Given = None
+) -> Any:
+    """Draw the yarns before and after, coloured by shear angle. Collective.
 
-    By the yarns' tension where the cloth does not shear. The title is taken literally.
+    By the yarns' tension where the cloth does not shear. The title is taken literally. With a
+    ``path`` as a PNG; else into ``ax``, or into those of a new figure of pyplot's.
+
+    Returns
+    -------
+    Axes or None
+        Those drawn into, on rank 0; None of a file.
     """
-    pictures.save(result.network.comm, path, _yarns(result, pictures.plain_text(title)))
+    return _drawn(result.network.comm, path, _yarns(result, pictures.plain_text(title)), ax)
 
 
-def scene(result: TestResult, path: str | Path, title: str = "") -> None:
-    """Draw the woven yarns in space as a PNG, coloured by shear angle. Collective.
+def scene(
+    result: TestResult,
+    path: str | Path | None = None,
+    title: str = "",
+    *,
+    ax: Given = None,
+    state: State | None = None,
+) -> Any:
+    """Draw the woven yarns in space, coloured by shear angle. Collective.
 
-    The title is taken literally.
+    Of a ``state``, by default the last; else as `plot`.
 
     Raises
     ------
     InputError
         On every rank: nothing here can draw in space, or the place cannot be written to.
     """
-    network, text = result.network, _told(pictures.plain_text(title), f"at {_at(result)}")
-    _, sample, clamps = _panel("", result)
-    pictures.save(network.comm, path, woven, sample, clamps, network.fabric, text)
+    network = result.network
+    text = _told(pictures.plain_text(title), f"at {when(result, state)}")
+    _, sample, clamps = _panel("", result, state)
+    draw = partial(woven, sample, clamps, network.fabric, text)
+    return _drawn(network.comm, path, draw, ax)
+
+
+def _drawn(
+    comm: MPI.Intracomm, path: str | Path | None, draw: Callable[..., Figure], ax: Given
+) -> Any:
+    """Axes, or a file."""
+    if path is None:
+        return pictures.draw(comm, draw, ax)
+    if ax is not None:
+        raise InputError("a picture goes into a file or into axes: give path or ax, not both")
+    pictures.save(comm, path, draw)
+    return None
 
 
 def figures(
@@ -102,22 +136,14 @@ def figures(
     # Of a cloth that does not shear there is nothing to see but its curve.
     if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
         drawn["stages.png"] = _stages(result, title)
-    drawn |= _loads(result, membranes, title, measured)
-    if experiment.finite and np.isfinite(result.curve().get("shear_force_N_per_mm", np.nan)).any():
-        drawn["shear_force.png"] = _shear_force(result, title)
-    if experiment.finite:
-        drawn["energy.png"] = _energies(result, title)
+    drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
     if experiment.has_zones:
-        if experiment.finite:
-            drawn["zones.png"] = _zones(result, title)
-        else:
-            drawn["shear_against_load.png"] = _shear_against_load(result, title)
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
     maps, uniform = _maps(result, membrane, title)
     drawn |= maps
     if without is not None:
         panels = [_panel("no yarn bending", without), _panel("with yarn bending", result)]
-        text = _told(title, f"at {_at(result)}")
+        text = _told(title, f"at {when(result)}")
         drawn["with_and_without_bending.png"] = partial(pictures.yarns, panels, text)
     if ladder:
         differences = {
@@ -149,7 +175,7 @@ def _panel(
     return title, sample, np.concatenate(clamps)
 
 
-def _at(result: TestResult, state: State | None = None) -> str:
+def when(result: TestResult, state: State | None = None) -> str:
     """What a state, the last, is at: "extension 40 mm"."""
     control = (state or result.states[-1]).control
     return result.experiment.column.text(control).replace(" deg", "°")
@@ -164,7 +190,7 @@ def _yarns(result: TestResult, title: str) -> partial[Figure]:
     values, label = None, pictures.ANGLE_LABEL
     if result.experiment.colour == "tension":
         values, label = list(_tensions(result).values()), "tension (N per yarn)"
-    text = _told(title, f"yarns at rest, grey, and at {_at(result)}")
+    text = _told(title, f"yarns at rest, grey, and at {when(result)}")
     return partial(pictures.yarns, [_panel("", result, values=values)], text, label=label)
 
 
@@ -174,7 +200,7 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
     panels = []
     for i in np.linspace(0, len(result.states) - 1, count).round().astype(int):
         state = result.states[i]
-        name = _at(result, state)
+        name = when(result, state)
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
         panels.append(_panel(name + load, result, state))
     return partial(pictures.yarns, panels, title, before=False)
@@ -183,18 +209,41 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
 # -- curves -------------------------------------------------------------------------------------
 
 
+def curves_of(
+    experiment: Experiment,
+    curve: Mapping[str, np.ndarray],
+    title: str = "",
+    membranes: Sequence[Any] = (),
+    measured: MeasuredCurve | None = None,
+) -> Drawn:
+    """What draws the curves of a test, see `figures`: the load, or what stands for it, first."""
+    drawn = _loads(experiment, curve, membranes, title, measured)
+    if experiment.finite:
+        if np.isfinite(curve.get("shear_force_N_per_mm", np.nan)).any():
+            drawn["shear_force.png"] = _shear_force(experiment, curve, title)
+        drawn["energy.png"] = _energies(experiment, curve, title)
+    if experiment.has_zones and experiment.finite:
+        drawn["zones.png"] = _zones(experiment, curve, title)
+    elif experiment.has_zones:
+        drawn["shear_against_load.png"] = _shear_against_load(curve, title)
+    return drawn
+
+
 def _loads(
-    result: TestResult, membranes: Sequence[Any], title: str, measured: MeasuredCurve | None
+    experiment: Experiment,
+    curve: Mapping[str, np.ndarray],
+    membranes: Sequence[Any],
+    title: str,
+    measured: MeasuredCurve | None,
 ) -> Drawn:
     """The load, or what stands for it, against the control."""
-    experiment, curve = result.experiment, result.curve()
     in_newton = LOAD.sized_for([curve[column] for column in experiment.forces])
     newton = in_newton.scale
     draw = partial(pictures.curves, title=title)
     test = None
     if measured is not None:
         test = 1e3 * measured.displacement, measured.force / newton
-    own = experiment.drawn_curves(curve)
+    own = experiment.drawn_curves(dict(curve))
     if own is not None:
         name, (x_label, y_label), lines = own
         if y_label == LOAD.axis:
@@ -206,7 +255,8 @@ def _loads(
         return {f"{name}.png": partial(draw, lines, (x_label, y_label))}
     control = experiment.column.scale * curve[experiment.column.column]
     column = experiment.column.sized_for(control)
-    states, points = result.controls / column.scale, {}
+    asked = np.append(curve["asked"][:-1] > 0, True)  # the last one also if it was not
+    states, points = control[asked] / column.scale, {}
     if len(membranes) == len(states):
         points["membrane"] = states, np.array([m.load for m in membranes]) / newton
     if test is not None and experiment.unit == "m":
@@ -214,8 +264,8 @@ def _loads(
     lines = {"network": pictures.from_origin(control / column.scale, curve["load_N"] / newton)}
     if "load_net_N" in curve:
         closed = pictures.from_origin(control / column.scale, curve["load_net_N"] / newton)
-        lines["closed form, yarns neither stretch nor bend"] = closed
-    marks = None if curve["asked"].all() else (states, result.loads / newton)
+        lines[CLOSED_FORM] = closed
+    marks = None if curve["asked"].all() else (states, curve["load_N"][asked] / newton)
     labels = column.axis, in_newton.axis
     name = f"load_against_{column.column.partition('_')[0]}.png"
     drawn: Drawn = {name: partial(draw, lines, labels, points=points, marks=marks)}
@@ -226,9 +276,10 @@ def _loads(
     return drawn
 
 
-def _shear_force(result: TestResult, title: str) -> partial[Figure]:
+def _shear_force(
+    experiment: Experiment, curve: Mapping[str, np.ndarray], title: str
+) -> partial[Figure]:
     """The normalised shear force over the angles it may be drawn over, beside the law's."""
-    curve, experiment = result.curve(), result.experiment
     force = quantity("shear_force_N_per_mm")
     lines = {
         label: pictures.from_origin(curve[column], curve[force.column])
@@ -237,39 +288,44 @@ def _shear_force(result: TestResult, title: str) -> partial[Figure]:
     ends = np.concatenate([x[np.isfinite(x) & np.isfinite(y)] for x, y in lines.values()])
     end = float(ends[np.abs(ends).argmax()])
     angle = np.deg2rad(np.linspace(0.0, np.clip(end, -85.0, 85.0), 200))
-    law = 1e-3 * result.network.fabric.shear.evaluate(angle)[1] / np.cos(angle)
-    guides = {"the fabric's law": (np.rad2deg(angle), law)}
+    fabric = experiment.network.fabric
+    law = 1e-3 * fabric.shear.evaluate(angle)[1] / np.cos(angle)
+    name = f"the fabric's {'elastic ' if fabric.remembers else ''}law"
+    guides = {name: (np.rad2deg(angle), law)}
     labels = pictures.ANGLE_LABEL, force.axis
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
-def _energies(result: TestResult, title: str) -> partial[Figure]:
+def _energies(
+    experiment: Experiment, curve: Mapping[str, np.ndarray], title: str
+) -> partial[Figure]:
     """Strain energies of the modes all along a finite test."""
-    curve = result.curve()
-    names = {mode: mode.replace("_", " ") for mode in result.experiment.modes}
+    names = {mode: mode.replace("_", " ") for mode in experiment.modes}
     names["bending"] = "yarn bending"
-    if not result.experiment.bending:
+    if not experiment.bending:
         del names["bending"]
     parts = {name: curve[f"energy_{mode}_J"] for mode, name in names.items()}
+    spent, what = "dissipated_in_shear_J", "strain energy"
+    if spent in curve:
+        parts["dissipated in shear"], what = curve[spent], "energy"
     unit, joule = energy_unit(sum(parts.values()))
     parts = {name: part / joule for name, part in parts.items()}
-    own = result.experiment.column
+    own = experiment.column
     control = own.scale * curve[own.column]
     column = own.sized_for(control)
-    labels = column.axis, f"strain energy ({unit})"
+    labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
 
 
-def _zones(result: TestResult, title: str) -> partial[Figure]:
+def _zones(experiment: Experiment, curve: Mapping[str, np.ndarray], title: str) -> partial[Figure]:
     """Shear angles of the zones, and of an inextensible net: half of its middle's in its sides."""
-    curve = result.curve()
     extension = curve["extension_mm"]
     lines = {
         f"{label} (median)": pictures.from_origin(extension, curve[f"shear_{zone}_deg"])
         for zone, label in ZONES.items()
         if np.isfinite(curve[f"shear_{zone}_deg"]).all()
     }
-    guides, gauge = {}, result.experiment.net_gauge()
+    guides, gauge = {}, experiment.net_gauge()
     if gauge is not None:
         fine = np.linspace(0.0, extension[np.abs(extension).argmax()], 200)
         net = np.rad2deg(net_angle(1e-3 * fine, gauge))
@@ -278,9 +334,9 @@ def _zones(result: TestResult, title: str) -> partial[Figure]:
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
-def _shear_against_load(result: TestResult, title: str) -> partial[Figure]:
+def _shear_against_load(curve: Mapping[str, np.ndarray], title: str) -> partial[Figure]:
     """The paper's figure 8."""
-    curve, load = result.curve(), LOAD.sized_for(result.loads)
+    load = LOAD.sized_for(curve["load_N"])
     names = {"at the centre point": "shear_centre_deg", "largest (absolute)": "shear_max_deg"}
     lines = {
         label: pictures.from_origin(curve["load_N"] / load.scale, curve[name])
@@ -305,7 +361,7 @@ def _centre_line(
         for label, line in found.items()
     }
     labels = "distance from the clamp (mm)", pictures.ANGLE_LABEL
-    return partial(pictures.curves, lines, labels, _told(title, f"at {_at(result)}"))
+    return partial(pictures.curves, lines, labels, _told(title, f"at {when(result)}"))
 
 
 # -- maps ---------------------------------------------------------------------------------------
@@ -317,7 +373,7 @@ def _maps(
     """Maps of shear angle and tension, and sentences in place of those that are uniform."""
     network, fields = result.network, result.fields
     shear = {"network": np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)}
-    compared = {}
+    compared: dict[str, Any] = {}
     if membrane is not None:
         shear["membrane"], compared = np.rad2deg(membrane), {"difference": "difference (°)"}
     tensions = _tensions(result)
@@ -325,7 +381,7 @@ def _maps(
     unit, newton = force_unit(largest)
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
-    in_units = {"label": f"tension ({unit} per yarn)"}
+    in_units: dict[str, Any] = {"label": f"tension ({unit} per yarn)"}
     for name, what, values, unit, size, rounding, options in (
         ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, compared),
         ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, in_units),
@@ -334,7 +390,7 @@ def _maps(
         if told is None:
             scaled = {key: value / size for key, value in values.items()}
             sample: Any = sample_map(network, scaled)  # on rank 0, which draws it
-            text = _told(title, f"{what.lower()} at {_at(result)}, on the cloth at rest")
+            text = _told(title, f"{what.lower()} at {when(result)}, on the cloth at rest")
             drawn[name] = partial(pictures.maps, sample, title=text, **options)
         else:
             uniform[name] = told

@@ -26,20 +26,22 @@ from ..forming.measures import (
     yarn_directions,
 )
 from ..forming.press import stage_number
-from ..forming.waves import Waves
-from ..net.network import Network
-from ..parallel import on_root
+from ..forming.waves import NOTICED, Waves
+from ..parallel import most, on_root
 from ..quantities import energy_unit, quantity
 from ..tools.motion import Pose
 from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
+from .cells import area_ratio
 from .provenance import provenance
 from .sample import node_means, sample_surface
-from .tables import in_order, lines, write_csv, write_pieces
+from .tables import write_crossovers, write_csv
 from .view import View, steps_shown
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..case.schema import Case
 
 ENERGIES = ("tension", "shear", "bending", "out_of_plane_bending", "contact")
@@ -117,49 +119,54 @@ class Record:
 
     def table(self) -> dict[str, list]:
         """Columns of forces.csv: a row for each accepted step."""
-        steps = self.steps
-        columns: dict[str, list] = {
-            "stage": [step.stage for step in steps],
-            "share_percent": [
-                100.0 * (step.increment.control - stage_number(step.increment.control))
-                for step in steps
-            ],
-            "asked": [int(step.increment.asked) for step in steps],
-        }
-        for tool in self.forming.tools:
+        return table_of(self.forming, self.steps, self.drawn)
+
+
+def table_of(
+    forming: Forming, steps: Sequence[FormingStep], drawn: Sequence[Mapping[str, float]] = ()
+) -> dict[str, list]:
+    """Columns of forces.csv; ``drawn`` is the draw-in [m] of each edge after each step, if known.
+
+    A row for each accepted step.
+    """
+    columns: dict[str, list] = {
+        "stage": [step.stage for step in steps],
+        "share_percent": [
+            100.0 * (step.increment.control - stage_number(step.increment.control))
+            for step in steps
+        ],
+        "asked": [int(step.increment.asked) for step in steps],
+    }
+    of_tools = (
+        ("force_{}_N", 1.0, "tool_force"),
+        ("moment_{}_N_m", 1.0, "tool_moment"),
+        ("{}_mm", MM, "tool_place"),
+    )
+    for head, size, vectors in of_tools:
+        for tool in forming.tools:
             for axis, letter in enumerate("xyz"):
-                columns[f"{tool.name}_force_{letter}_N"] = [
-                    step.tool_force[tool.name][axis] for step in steps
+                columns[f"{tool.name}_{head.format(letter)}"] = [
+                    size * getattr(step, vectors)[tool.name][axis] for step in steps
                 ]
-        for tool in self.forming.tools:
-            for axis, letter in enumerate("xyz"):
-                columns[f"{tool.name}_moment_{letter}_N_m"] = [
-                    step.tool_moment[tool.name][axis] for step in steps
-                ]
-        for tool in self.forming.tools:
-            for axis, letter in enumerate("xyz"):
-                columns[f"{tool.name}_{letter}_mm"] = [
-                    MM * step.tool_place[tool.name][axis] for step in steps
-                ]
-        columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
-        for mode in ENERGIES:
-            columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
-        for mode in ("friction", "viscous"):
-            columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
-        columns["work_of_tools_J"] = [step.work for step in steps]
-        for name in steps[-1].load_work if steps else ():
-            key = f"work_of_{name.replace(' ', '_')}_J"
-            columns[key] = [step.load_work[name] for step in steps]
-        for clamp in self.forming.clamps:
-            for axis, letter in enumerate("xyz"):
-                columns[f"clamp_{clamp.edge}_force_{letter}_N"] = [
-                    step.clamp_force[clamp.edge][axis] for step in steps
-                ]
-        for edge in self.draw_in.edges:
-            columns[f"draw_in_{edge}_mm"] = [MM * drawn[edge] for drawn in self.drawn]
-        columns["newton_iterations"] = [step.increment.iterations for step in steps]
-        columns["seconds"] = [step.increment.seconds for step in steps]
-        return columns
+    columns["shear_max_deg"] = [np.rad2deg(step.increment.shear_max) for step in steps]
+    for mode in ENERGIES:
+        columns[f"energy_{mode}_J"] = [step.increment.energies.get(mode, 0.0) for step in steps]
+    for mode in steps[-1].spent if steps else ():
+        columns[f"dissipated_{mode}_J"] = [step.spent[mode] for step in steps]
+    columns["work_of_tools_J"] = [step.work for step in steps]
+    for name in steps[-1].load_work if steps else ():
+        key = f"work_of_{name.replace(' ', '_')}_J"
+        columns[key] = [step.load_work[name] for step in steps]
+    for clamp in forming.clamps:
+        for axis, letter in enumerate("xyz"):
+            columns[f"clamp_{clamp.edge}_force_{letter}_N"] = [
+                step.clamp_force[clamp.edge][axis] for step in steps
+            ]
+    for edge in drawn[-1] if drawn else ():
+        columns[f"draw_in_{edge}_mm"] = [MM * of[edge] for of in drawn]
+    columns["newton_iterations"] = [step.increment.iterations for step in steps]
+    columns["seconds"] = [step.increment.seconds for step in steps]
+    return columns
 
 
 def summarize(
@@ -294,21 +301,7 @@ def write_fields(path: Path, forming: Forming, state: State) -> None:
 
     docs/files.md tells what the columns are.
     """
-    write_columns(path, forming.network, crossover_columns(forming, state))
-
-
-def write_columns(path: Path, network: Network, columns: Mapping[str, np.ndarray]) -> None:
-    """Write columns at this rank's crossovers, (n_owned,) each, the last one whole. Collective."""
-    number, rows = in_order(
-        network.comm,
-        network.crossover_number_global,
-        network.num_crossovers_global,
-        np.column_stack(list(columns.values())),
-    )
-    head = ",".join(["crossover", *columns]) + "\n" if network.comm.rank == 0 else ""
-    template = ",".join(["%d", *["%.10g"] * (len(columns) - 1), "%d"])
-    text = lines(template, number, rows).replace(b"nan", b"")
-    write_pieces(network.comm, path, [head.encode(), text])
+    write_crossovers(forming.network, path, crossover_columns(forming, state))
 
 
 def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
@@ -319,8 +312,7 @@ def crossover_columns(forming: Forming, state: State) -> dict[str, np.ndarray]:
     hinge = blank.ply.nodes.of_hinge
     touch = {name: values[hinge] for name, values in contact_fields(blank, state).items()}
     now = blank.ply.nodes.rest[hinge] + fields["displacement"]
-    stretched = (1.0 + fields["warp_strain"]) * (1.0 + fields["weft_strain"])
-    area = stretched * np.cos(fields["shear_angle"])
+    area = area_ratio(fields)
     mass, fraction = (
         np.nan if value is None else value
         for value in (network.fabric.areal_density, network.fabric.fibre_volume_fraction)
@@ -393,46 +385,7 @@ def draw_all(
     One in space that cannot be drawn here is left out, with a word in the log.
     """
     comm, title = forming.network.comm, pictures.plain_text(summary["title"])
-    table = record.table()
-    time = np.append(0.0, [step.increment.control for step in record.steps])
-
-    def over_time(columns: Mapping[str, str]) -> dict[str, Any]:
-        """Columns by their labels, from zero on."""
-        return {
-            label: np.append(0.0, np.array(table[column], float))
-            for label, column in columns.items()
-        }
-
-    def lines_of(columns: Mapping[str, str]) -> dict[str, Any]:
-        return {label: (time, values) for label, values in over_time(columns).items()}
-
-    frames = [_frame(forming, state) for state in _of_the_way(formed.states)]
-    forces = {tool.name: f"{tool.name}_force_z_N" for tool in forming.tools}
-    edges = {edge: f"draw_in_{edge}_mm" for edge in record.draw_in.edges}
-    energies = over_time({mode: f"energy_{mode}_J" for mode in ENERGIES})
-    energies["bending"] += energies.pop("out_of_plane_bending")
-    spent = {mode: f"dissipated_{mode}_J" for mode in ("friction", "viscous")}
-    energies |= over_time(spent)
-    unit, joule = energy_unit(sum(energies.values()))
-    energies = {name: energy / joule for name, energy in energies.items()}
-    stages = [f"{k} {stage.name}" for k, stage in enumerate(forming.stages, 1)]
-    axis = "stages done" if len(stages) > NAMED_STAGES else f"stages done ({', '.join(stages)})"
-    drawn = {
-        "formed.png": partial(scene.formed, frames[-1:], title),
-        **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
-        **_wrinkles(forming, formed.states[-1], title, summary),
-        "tool_forces.png": partial(
-            pictures.curves, lines_of(forces), (axis, "force on the cloth, along z (N)"), title
-        ),
-        "draw_in.png": partial(
-            pictures.curves, lines_of(edges), (axis, "largest draw-in (mm)"), title
-        ),
-        "energy.png": partial(pictures.stacked, time, energies, (axis, f"energy ({unit})"), title),
-    }
-    if not forming.tools:
-        del drawn["tool_forces.png"]
-    if not record.draw_in.edges:
-        del drawn["draw_in.png"]
+    drawn = figures_of(forming, formed, record.table(), title)
     written = []
     for name, draw in drawn.items():
         try:
@@ -442,6 +395,61 @@ def draw_all(
         else:
             written.append(name)
     return written
+
+
+def figures_of(
+    forming: Forming, formed: Formed, table: Mapping[str, Any], title: str = ""
+) -> dict[str, partial[Figure]]:
+    """What draws each picture of a forming, on rank 0, by the name of its file. Collective."""
+    frames = [frame_of(forming, state) for state in _of_the_way(formed.states)]
+    return {
+        "formed.png": partial(scene.formed, frames[-1:], title),
+        **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
+        **_wrinkles(forming, formed.states[-1], title),
+        **curves_of(table, [stage.name for stage in forming.stages], title),
+    }
+
+
+def curves_of(
+    table: Mapping[str, Any], stages: Sequence[str], title: str = ""
+) -> dict[str, partial[Figure]]:
+    """What draws the curves of a forming: of columns of forces.csv, and the names of its stages."""
+    name, share = np.array(table["stage"]), np.array(table["share_percent"], float)
+    number = np.cumsum([0, *((name[1:] != name[:-1]) | (np.diff(share) <= 0.0))])
+    time = np.append(0.0, number + 0.01 * share)
+
+    def over_time(begin: str, end: str) -> dict[str, np.ndarray]:
+        """Columns by what stands between in their names, from zero on."""
+        found = {name.removeprefix(begin).removesuffix(end): np.array(values, float)
+                 for name, values in table.items()
+                 if name.startswith(begin) and name.endswith(end)}  # fmt: skip
+        return {name: np.append(0.0, values) for name, values in found.items()}
+
+    numbered = [f"{k} {name}" for k, name in enumerate(stages, 1)]
+    axis = "stages done" if len(stages) > NAMED_STAGES else f"stages done ({', '.join(numbered)})"
+    forces = over_time("", "_force_z_N")
+    lines = {
+        "tool_forces.png": (
+            {name: force for name, force in forces.items() if f"{name}_x_mm" in table},
+            "force on the cloth, along z (N)",
+        ),
+        "draw_in.png": (over_time("draw_in_", "_mm"), "largest draw-in (mm)"),
+    }
+    drawn = {
+        name: partial(
+            pictures.curves, {key: (time, y) for key, y in of.items()}, (axis, label), title
+        )
+        for name, (of, label) in lines.items()
+        if of
+    }
+    energies = over_time("energy_", "_J")
+    energies["bending"] += energies.pop("out_of_plane_bending")
+    spent = over_time("dissipated_", "_J")
+    energies |= {name.replace("in_", "dissipated in "): values for name, values in spent.items()}
+    unit, joule = energy_unit(sum(energies.values()))
+    energies = {name: energy / joule for name, energy in energies.items()}
+    labels = axis, f"energy ({unit})"
+    return drawn | {"energy.png": partial(pictures.stacked, time, energies, labels, title)}
 
 
 def view_of(forming: Forming, formed: Formed) -> View:
@@ -459,7 +467,7 @@ def view_of(forming: Forming, formed: Formed) -> View:
         angle = values.pop(quantity("shear_deg").axis)
         values = {pictures.SIZE_LABEL: abs(angle), **values}
         view.surfaces.append(sample_surface(forming.network, place, values))
-        view.captions.append(_when(forming, state) if k else "flat blank")
+        view.captions.append(when(forming, state) if k else "flat blank")
         for tool, node in zip(forming.tools, forming.blank.tool_node, strict=True):
             there = state.factors.get(tool.name, 1.0) > 0.0
             pose = Pose(state.x[node], state.hold.rotations[tool.name]) if there else None
@@ -472,7 +480,7 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
 
     InputError on every rank if nothing here can render.
     """
-    frames = [_frame(forming, state) for state in _of_the_way(formed.states, MOST_FRAMES)]
+    frames = [frame_of(forming, state) for state in _of_the_way(formed.states, MOST_FRAMES)]
 
     def draw() -> None:
         scene.animate(frames, directory / "animation.gif", pictures.plain_text(title))
@@ -480,13 +488,12 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
     on_root(forming.network.comm, draw)
 
 
-def _wrinkles(
-    forming: Forming, state: State, title: str, summary: Mapping[str, Any]
-) -> dict[str, Any]:
+def _wrinkles(forming: Forming, state: State, title: str) -> dict[str, Any]:
     """The picture of wrinkles' heights, where there are any. Collective."""
-    if not summary["wrinkles"]["area_share"]:
+    height, blank = Waves.of(forming.blank, state).height, forming.blank
+    if most(blank.comm, np.nan_to_num(height), 0.0) <= NOTICED * blank.thickness:
         return {}
-    frame = _frame(forming, state, MM * Waves.of(forming.blank, state).height)
+    frame = frame_of(forming, state, MM * height)
     return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
 
 
@@ -496,7 +503,7 @@ def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:
     return [states[round(k)] for k in taken]
 
 
-def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> scene.Frame:
+def frame_of(forming: Forming, state: State, values: np.ndarray | None = None) -> scene.Frame:
     """A state for pictures in space, through crossovers or every k-th of them, on rank 0.
 
     ``values`` at this rank's crossovers, (n_owned,); by default the shear angle in degrees.
@@ -515,11 +522,11 @@ def _frame(forming: Forming, state: State, values: np.ndarray | None = None) -> 
             tools[tool.name in forming.below].append(placed)
     return scene.Frame(
         surface.points, surface.values[""], surface.triangles, surface.yarns,
-        _joined(tools[True]), _joined(tools[False]), _when(forming, state),
+        _joined(tools[True]), _joined(tools[False]), when(forming, state),
     )  # fmt: skip
 
 
-def _when(forming: Forming, state: State) -> str:
+def when(forming: Forming, state: State) -> str:
     """Stage and how far it is."""
     number = stage_number(state.time)
     return f"{forming.stages[number].name}, {100.0 * (state.time - number):.4g} %"

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import __version__
 from ..cloth.fabric import Fabric
+from ..forming.measures import across
 from ..net.network import Network
 from .cells import lattice_cells, thickening
 from .provenance import commit
@@ -68,8 +69,7 @@ class Mesh:
     @property
     def across(self) -> np.ndarray:
         """Unit normals of elements, (m, 3): warp times weft."""
-        across = np.cross(self.warp, self.weft)
-        return across / np.linalg.norm(across, axis=1)[:, None]
+        return across(self.warp, self.weft)
 
     def with_corners(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Which elements (m,) have so many corners, and these, (., count)."""

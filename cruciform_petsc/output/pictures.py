@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: MIT
 """Pictures of tests: figures made of data, and `save`, which writes one as a PNG file.
 
-Lengths of samples and clamps are in metres, those of curves in what their labels say. Matplotlib is
-imported when the first picture is drawn.
+Lengths of samples and clamps are in metres, those of curves in what their labels say. Each draws
+into the axes ``ax`` if these are given, as many as it has panels, and leaves the rest of their
+figure alone; else into a figure of its own. Matplotlib is imported when the first picture is drawn.
 """
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..parallel import on_root
 from .sample import MapSample, YarnSample
 from .tables import written_whole
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from mpi4py import MPI
+
+    Given = Axes | Sequence[Axes] | None  # to draw into
 
 Values = Sequence[float] | np.ndarray
 Curves = Mapping[str, tuple[Values, Values]]  # (x, y) by label
@@ -54,6 +59,7 @@ ANGLE_LABEL = "shear angle (°)"
 SIZE_LABEL = "shear angle, absolute (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
 FLAT = 3.0  # width over height of specimens that are drawn one below the other
+_new_figure: ContextVar[Callable[..., Any] | None] = ContextVar("_new_figure", default=None)
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
 
 
@@ -76,11 +82,52 @@ def save(
     on_root(comm, write)
 
 
-def wrap_titles(figure: Figure) -> None:
-    """Break titles that are wider than what they stand over: axes, or the whole figure."""
+def draw(comm: MPI.Intracomm, make: Callable[..., Any], ax: Given = None) -> Any:
+    """Draw by ``make(ax=...)`` into axes, or into a new figure of pyplot's. Collective.
+
+    Returns the axes, an array of several, on rank 0; None on the other ranks, which draw nothing.
+    """
+    drawn: list[Any] = []
+
+    def into() -> None:
+        from matplotlib import pyplot, rc_context
+
+        if ax is not None:
+            make(ax=ax)
+            every = np.ravel(np.array(ax, dtype=object))
+            wrap_titles(every[0].figure, every)
+            drawn.append(ax)
+            return
+        token = _new_figure.set(pyplot.figure)
+        try:
+            with rc_context(STYLE):
+                figure = make()
+                wrap_titles(figure)
+        finally:
+            _new_figure.reset(token)
+        axes = [axes for axes in figure.axes if axes.get_label() != "<colorbar>"]
+        drawn.append(axes[0] if len(axes) == 1 else np.array(axes, dtype=object))
+
+    on_root(comm, into)
+    return drawn[0] if drawn else None
+
+
+def figure_of(**options: Any) -> Figure:
+    """A figure, as `save` or `draw` needs it."""
+    from matplotlib.figure import Figure
+
+    return (_new_figure.get() or Figure)(**options)
+
+
+def wrap_titles(figure: Figure, of: Iterable[Axes] | None = None) -> None:
+    """Break titles that are wider than what they stand over: axes, or the whole figure.
+
+    Those ``of`` some of its axes, or all.
+    """
     whole = figure.bbox.width
-    titles = [axes.title for axes in figure.axes]
-    titles += [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
+    titles = [axes.title for axes in (figure.axes if of is None else of)]
+    if of is None:
+        titles += [text for text in figure.texts if text.get_text() == figure.get_suptitle()]
     if all(title.get_window_extent().width < 0.6 * whole for title in titles):
         return
     figure.draw_without_rendering()
@@ -102,6 +149,7 @@ def yarns(
     *,
     before: bool = True,
     label: str = ANGLE_LABEL,
+    ax: Given = None,
 ) -> Figure:
     """Draw yarns in the colours of their values, side by side in true scale: figures 6 and 9b.
 
@@ -116,7 +164,7 @@ def yarns(
     thickness = bar_width(*bounds(points))
     bars = [bar_corners(clamps, thickness) for _, _, clamps in panels]
     points += [corners.reshape(-1, 2) for corners in bars]
-    figure, axes, points_per_metre = _panels(*bounds(points), [name for name, _, _ in panels])
+    figure, axes, points_per_metre = _panels(*bounds(points), [name for name, _, _ in panels], ax)
     colours = colour_scale([sample.values for sample in samples])
     for panel, (_, sample, clamps), corners in zip(axes, panels, bars, strict=True):
         if before:
@@ -140,11 +188,14 @@ def yarns(
             edges = LineCollection(list(1e3 * clamps), colors="0.1", linewidths=1.4, zorder=4)
             panel.add_collection(edges)
     colour_bar(axes, colours, label)
-    figure.suptitle(title)
+    head(axes, title, ax)
     every = max(sample.every for sample in samples)
     if every > 1:
         note = f"1 in {every} yarns drawn"
-        figure.text(0.01, -0.01, note, fontsize=9, color="0.4", va="top")
+        own: dict[str, Any] = {"transform": axes[0].transAxes} if ax is not None else {}
+        (figure if ax is None else axes[0]).text(
+            0.01, -0.01, note, fontsize=9, color="0.4", va="top", **own
+        )
     return figure
 
 
@@ -167,6 +218,7 @@ def maps(
     title: str = "",
     *,
     difference: str = "",
+    ax: Given = None,
 ) -> Figure:
     """Draw maps of a sample's values side by side, with one colour scale.
 
@@ -177,7 +229,7 @@ def maps(
     names = [name.capitalize() for name in sample.values]
     if difference:
         names.append(f"{names[0]} minus {names[1].lower()}")
-    figure, axes, _ = _panels(*bounds(sample.outline), names if len(names) > 1 else [""])
+    figure, axes, _ = _panels(*bounds(sample.outline), names if len(names) > 1 else [""], ax)
     groups = [(axes[: len(values)], values, colour_scale(values), label)]
     if difference:
         less = values[0] - values[1]
@@ -186,7 +238,7 @@ def maps(
         for panel, value in zip(panels, of, strict=True):
             _add_map(panel, sample, value, colours)
         colour_bar(panels, colours, what)
-    figure.suptitle(title)
+    head(axes, title, ax)
     return figure
 
 
@@ -214,21 +266,29 @@ def _add_map(axes: Axes, sample: MapSample, values: np.ndarray, colours: ScalarM
 
 
 def _panels(
-    low: np.ndarray, high: np.ndarray, titles: Sequence[str]
+    low: np.ndarray, high: np.ndarray, titles: Sequence[str], ax: Given = None
 ) -> tuple[Figure, list[Axes], float]:
     """Axes in mm in true scale, and how many points a metre is in them.
 
     Side by side; those that are much wider than high one below the other.
     """
-    from matplotlib.figure import Figure
-
     middle, size = 0.5 * (low + high), 1.04 * (high - low)
     flat = size[0] > FLAT * size[1]
-    rows, columns = (len(titles), 1) if flat else (1, len(titles))
-    inches_per_metre = min(HEIGHT / size[1], WIDEST / columns**0.5 / size[0])
-    width, height = size * inches_per_metre
-    figure = Figure(figsize=(columns * width, rows * (height + 0.7 * flat) + 1.0 + 0.7 * flat))
-    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure: Any
+    if ax is None:
+        rows, columns = (len(titles), 1) if flat else (1, len(titles))
+        inches_per_metre = min(HEIGHT / size[1], WIDEST / columns**0.5 / size[0])
+        width, height = size * inches_per_metre
+        figure = figure_of(
+            figsize=(columns * width, rows * (height + 0.7 * flat) + 1.0 + 0.7 * flat)
+        )
+        axes = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel())
+    else:
+        axes = given(ax, len(titles))
+        figure = axes[0].figure
+        room = np.array(axes[0].get_window_extent().size) / figure.dpi
+        inches_per_metre = float((room / size).min())
+        width, height = size * inches_per_metre
     x_limits, y_limits = 1e3 * (middle + 0.5 * size * np.array([[-1], [1]])).T
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title)
@@ -242,12 +302,29 @@ def _panels(
         panel.set_xlabel("x (mm)")
     for panel in axes if flat else axes[:1]:
         panel.set_ylabel("y (mm)")
-    # The layout leaves no room for titles that are wider than their panels.
-    widest = max(panel.title.get_window_extent().width for panel in axes) / figure.dpi
-    beside = max(0.5 * (widest + 0.15 - width), 0.08)  # inches
-    figure.set_layout_engine("compressed", w_pad=beside)
-    figure.set_figwidth(columns * max(width + 2.0 * beside + 0.27, 1.15) + 1.6)
-    return figure, list(axes), 72.0 * inches_per_metre
+    if ax is None:
+        # The layout leaves no room for titles that are wider than their panels.
+        widest = max(panel.title.get_window_extent().width for panel in axes) / figure.dpi
+        beside = max(0.5 * (widest + 0.15 - width), 0.08)  # inches
+        figure.set_layout_engine("compressed", w_pad=beside)
+        figure.set_figwidth(columns * max(width + 2.0 * beside + 0.27, 1.15) + 1.6)
+    return figure, axes, 72.0 * inches_per_metre
+
+
+def given(ax: Given, count: int) -> list[Axes]:
+    """Axes to draw into; InputError if they are not as many as are needed."""
+    axes = list(np.ravel(np.asarray(ax, dtype=object)))
+    if len(axes) != count:
+        raise InputError(f"this picture needs {count} axes to be drawn into, got {len(axes)}")
+    return axes
+
+
+def head(axes: Sequence[Axes], title: str, ax: Given = None) -> None:
+    """Write a title over all axes, or (where they were given) over the first if it has none."""
+    if ax is None:
+        axes[0].figure.suptitle(title)
+    elif title and not axes[0].get_title():
+        axes[0].set_title(title)
 
 
 def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -318,40 +395,46 @@ def curves(
     points: Curves | None = None,
     marks: tuple[Values, Values] | None = None,
     guides: Curves | None = None,
+    ax: Given = None,
 ) -> Figure:
     """Draw lines (x, y), to be told apart also where they lie on one another; labels of the axes.
+
+    In axes that have lines already, they look as the next ones.
 
     ``points`` get no lines. ``marks`` are the points of the first line to mark: by default all of
     each, if they are few. ``guides`` are thin and grey, those without a label not in the legend;
     lines are thin beside them, as a straight one between few points says nothing there.
     """
-    figure, (axes,) = _curve_axes([labels], title)
+    figure, (axes,) = _curve_axes([labels], title, ax=ax)
     points = points or {}
+    before = sum(not str(line.get_label()).startswith("_") for line in axes.get_lines())
     for label, (x, y) in (guides or {}).items():
         axes.plot(x, y, color="0.4", linewidth=0.9, label=label or None, zorder=2)
-    for i, (label, (x, y)) in enumerate(lines.items()):
+    for i, (label, (x, y)) in enumerate(lines.items(), before):
         style = _line_style(i, len(x))
         if guides is not None:
             style["linewidth"] = 0.7
-        if i == 0 and marks is not None:
+        if i == before and marks is not None:
             style.pop("marker", None)
-            axes.plot(*marks, "o", color=COLOURS[0], markersize=4, clip_on=False, zorder=3)
+            axes.plot(*marks, "o", color=style["color"], markersize=4, clip_on=False, zorder=3)
         axes.plot(x, y, label=label, **style)
-    for i, (label, (x, y)) in enumerate(points.items(), len(lines)):
+    for i, (label, (x, y)) in enumerate(points.items(), before + len(lines)):
         axes.plot(x, y, label=label, **_point_style(i))
     _include_zero(axes)
-    if guides is not None or len(lines) + len(points) > 1:
+    if guides is not None or before + len(lines) + len(points) > 1:
         axes.legend()
     return figure
 
 
-def overlaid(panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]]) -> Figure:
+def overlaid(
+    panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, bool]]]], ax: Given = None
+) -> Figure:
     """Draw curves over each other, in panels side by side: (labels of the axes, curves).
 
     Curves by label: ((x, y), whether it is drawn as points). Labels are taken literally.
     """
     size = (4.6 * len(panels) + 0.6, 4.1)
-    figure, every = _curve_axes([labels for labels, _ in panels], "", size)
+    figure, every = _curve_axes([labels for labels, _ in panels], "", size, ax)
     for axes, (_, lines) in zip(every, panels, strict=True):
         for i, (label, ((x, y), as_points)) in enumerate(lines.items()):
             style = _point_style(i) if as_points else _line_style(i, MANY_POINTS + 1)
@@ -359,7 +442,10 @@ def overlaid(panels: Sequence[tuple[tuple[str, str], Mapping[str, tuple[Any, boo
             style |= {"label": plain_text(label).lstrip("_"), "zorder": 4 - i}
             axes.plot(x, y, **style)
         _include_zero(axes)
-    figure.legend(*every[0].get_legend_handles_labels(), loc="outside upper left")
+    if ax is None:
+        figure.legend(*every[0].get_legend_handles_labels(), loc="outside upper left")
+    else:
+        every[0].legend()
     return figure
 
 
@@ -369,6 +455,7 @@ def swept(
     lines: Sequence[tuple[float | str, str, Values, Values]],
     ends: Sequence[tuple[str, Mapping[str, tuple[list, list]]]],
     title: str = "",
+    ax: Given = None,
 ) -> Figure:
     """Draw a sweep: curves in the colours of the varied key's values, and results over that key.
 
@@ -381,7 +468,7 @@ def swept(
     from matplotlib.colors import ListedColormap, Normalize
 
     panels = [labels] * bool(lines) + [(key, label) for label, _ in ends]
-    figure, every = _curve_axes(panels, "", (4.4 * len(panels) + 0.6, 3.7))
+    figure, every = _curve_axes(panels, "", (4.4 * len(panels) + 0.6, 3.7), ax)
     numbers = [value for value, _, _, _ in lines if isinstance(value, float)]
     others = list(dict.fromkeys(other for _, other, _, _ in lines))
     if lines and len(numbers) == len(lines):
@@ -406,12 +493,16 @@ def swept(
             axes.legend()
         axes.margins(y=0.1)
         axes.set_ylim(min(0.0, axes.get_ylim()[0]), max(0.0, axes.get_ylim()[1]))
-    figure.suptitle(title)
+    head(every, title, ax)
     return figure
 
 
 def stacked(
-    x: np.ndarray, parts: Mapping[str, np.ndarray], labels: tuple[str, str], title: str = ""
+    x: np.ndarray,
+    parts: Mapping[str, np.ndarray],
+    labels: tuple[str, str],
+    title: str = "",
+    ax: Given = None,
 ) -> Figure:
     """Draw parts (n,) of a whole, not negative, one upon the other, against x (n,).
 
@@ -420,7 +511,7 @@ def stacked(
     """
     whole = np.sum([*parts.values()], axis=0).max()
     parts = {name: part for name, part in parts.items() if part.max() > UNSEEN * whole} or parts
-    figure, (axes,) = _curve_axes([labels], title)
+    figure, (axes,) = _curve_axes([labels], title, ax=ax)
     until = 1 + int(np.abs(x).argmax())
     along = np.append(0.0, x[:until])
     heights = [np.append(0.0, part[:until]) for part in parts.values()]
@@ -428,12 +519,17 @@ def stacked(
     axes.plot(along, np.sum(heights, axis=0), color="0.15", linewidth=1.0)
     axes.set(xlim=(min(along), max(along)), ylim=(0.0, None))
     # Beside them, as they lie upon each other.
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), reverse=True)
+    beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if ax is None else {}
+    axes.legend(reverse=True, **beside)
     return figure
 
 
 def convergence(
-    crossovers: Values, differences: Mapping[str, Values], ylabel: str, title: str
+    crossovers: Values,
+    differences: Mapping[str, Values],
+    ylabel: str,
+    title: str,
+    ax: Given = None,
 ) -> Figure:
     """Draw differences (n,) against the number of crossovers (n,), both on logarithmic axes.
 
@@ -441,7 +537,7 @@ def convergence(
     """
     from matplotlib.ticker import LogLocator
 
-    figure, (axes,) = _curve_axes([("crossovers", ylabel)], title)
+    figure, (axes,) = _curve_axes([("crossovers", ylabel)], title, ax=ax)
     count = np.asarray(crossovers, float)
     axes.set(xscale="log", yscale="log")
     for i, (label, values) in enumerate(differences.items()):
@@ -461,15 +557,23 @@ def convergence(
 
 
 def _curve_axes(
-    labels: Sequence[tuple[str, str]], title: str, size: tuple[float, float] = (5.4, 3.7)
+    labels: Sequence[tuple[str, str]],
+    title: str,
+    size: tuple[float, float] = (5.4, 3.7),
+    ax: Given = None,
 ) -> tuple[Figure, list[Axes]]:
     """Axes side by side, each with its (x, y) labels."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    every = list(figure.subplots(1, len(labels), squeeze=False)[0])
+    figure: Any
+    if ax is None:
+        figure = figure_of(figsize=size, layout="constrained")
+        every = list(figure.subplots(1, len(labels), squeeze=False)[0])
+    else:
+        every = given(ax, len(labels))
+        figure = every[0].figure
     for axes, (x_label, y_label) in zip(every, labels, strict=True):
-        axes.set(xlabel=x_label, ylabel=y_label, title=title)
+        axes.set(xlabel=x_label, ylabel=y_label)
+        if title or ax is None:
+            axes.set_title(title)
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(color="0.9", linewidth=0.6)
     return figure, every

@@ -206,7 +206,9 @@ def progress_bar(
             handler.setStream(sys.stdout)
         yield tell
     finally:
-        bar.stop()  # also where it was interrupted as it started
+        with suppress(IndexError):  # rich's: it was interrupted after it had hidden the cursor
+            bar.stop()
+        console.show_cursor(True)
         for handler in mine:
             handler.setStream(stdout)
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
     from ..case.schema import Case
+    from ..cloth.fabric import Fabric
     from ..experiments.experiment import Experiment
     from ..experiments.result import TestResult
 
@@ -467,9 +468,8 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
     }
 
 
-def fabric(case: Case) -> dict[str, Any]:
-    """The fabric's yarns as a table, the rest in words."""
-    fabric = case.fabric()
+def yarns(fabric: Fabric) -> Table:
+    """What is known of both families of yarns."""
     sides = (fabric.warp, fabric.weft)
     laws = [side.out_of_plane_law for side in sides]
     rows = [
@@ -483,11 +483,22 @@ def fabric(case: Case) -> dict[str, Any]:
         ],
         ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
     ]
-    law = fabric.shear.name
-    at_rest = si_text(fabric.shear_modulus, "N/m")
-    words = [f"Shear: {at_rest}{', linear' if law == 'linear' else f' at rest, {law}'}."]
+    return Table([fabric.name, "warp", "weft"], rows)
+
+
+def shear(fabric: Fabric) -> str:
+    """Its modulus and law in words."""
+    law, at_rest = fabric.shear.name, si_text(fabric.shear_modulus, "N/m")
+    words = f"Shear: {at_rest}{', linear' if law == 'linear' else f' at rest, {law}'}."
     if np.isfinite(fabric.shear.last_point):
-        words.append(f"Its data end at {np.rad2deg(fabric.shear.last_point):.1f}°.")
+        words += f" Its data end at {np.rad2deg(fabric.shear.last_point):.1f}°."
+    return words
+
+
+def fabric(case: Case) -> dict[str, Any]:
+    """The fabric's yarns as a table, the rest in words."""
+    fabric = case.fabric()
+    words = [shear(fabric)]
     words.append(
         "Yarns carry compression like tension."
         if fabric.compression == 1.0
@@ -501,8 +512,7 @@ def fabric(case: Case) -> dict[str, Any]:
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
     words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
-    table = Table([fabric.name, "warp", "weft"], rows)
-    return {"table": table, "text": " ".join(word for word in words if word)}
+    return {"table": yarns(fabric), "text": " ".join(word for word in words if word)}
 
 
 def _case(case: Case) -> list[tuple[str, list[tuple[str, str]]]]:

@@ -12,7 +12,9 @@ from typing import Any, Self
 import numpy as np
 
 from ..case.schema import Case
+from ..drawn import Mapped, Plotted, Shown
 from ..errors import InputError
+from ..net.network import Network
 from ..quantities import data_frame
 from ..reading import read_json
 from .folder import OF_RUN
@@ -20,7 +22,7 @@ from .tables import read_csv
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Shown, Plotted, Mapped):
     """What a run has left in its folder, of whatever kind of test; made by `load`.
 
     >>> result = Result.load("results/picture_frame")  # doctest: +SKIP
@@ -68,6 +70,13 @@ class Result:
     def case(self) -> Case:
         """The case that was run, with what --set said."""
         return Case.from_data(self.summary.get("case", {}))
+
+    @cached_property
+    def network(self) -> Network:
+        """The network of the case, made again on this rank alone."""
+        from mpi4py import MPI
+
+        return Network(MPI.COMM_SELF, self.case.preform(), self.case.fabric())
 
     def curve(self, states: bool = False) -> dict[str, np.ndarray]:
         """Columns of curve.csv, of a forming forces.csv: units in their names, float or text (n,).

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..cloth.fabric import Fabric
+    from .pictures import Given
 
 ALONG = 8  # pieces of tube per crossover
 WIDTH = 0.42  # half the width of a yarn over the distance of two: a little light comes through
@@ -48,7 +49,9 @@ STEEL = (176, 181, 188)
 SECONDS = 300.0  # until rendering has failed
 
 
-def woven(sample: YarnSample, clamps: np.ndarray, fabric: Fabric, title: str = "") -> Figure:
+def woven(
+    sample: YarnSample, clamps: np.ndarray, fabric: Fabric, title: str = "", ax: Given = None
+) -> Figure:
     """Draw the deformed yarns as tubes in the colours of their values. Not collective.
 
     Yarns get narrower and thicker where the cloth shears, as they have less room there. Of a large
@@ -65,8 +68,8 @@ def woven(sample: YarnSample, clamps: np.ndarray, fabric: Fabric, title: str = "
     scene["bar_height"] = np.array(max(height, 0.35 * width))
     scene["bar_colour"] = np.array(STEEL)
     images, extent = _render([scene | _view(scene)])
-    figure = _page(images, 1e3 * extent, colours, title)
-    if sample.every > 1:
+    figure = _page(images, 1e3 * extent, colours, title, ax=ax)
+    if sample.every > 1 and ax is None:
         note = f"each yarn drawn stands for {sample.every}; heights {sample.every} times as large"
         figure.text(0.01, -0.01, note, va="top", fontsize=8, color="0.35")
     return figure
@@ -96,7 +99,12 @@ class Frame:
     caption: str = ""
 
 
-def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_LABEL) -> Figure:
+def formed(
+    frames: Sequence[Frame],
+    title: str = "",
+    label: str = pictures.SIZE_LABEL,
+    ax: Given = None,
+) -> Figure:
     """Draw a formed blank at some times, its yarns on it, among the tools. Not collective.
 
     Of tools what is near the cloth is shown; those from above are see-through, and cut open in
@@ -108,7 +116,7 @@ def formed(frames: Sequence[Frame], title: str = "", label: str = pictures.SIZE_
     captions = [frame.caption for frame in frames]
     if len(captions) == 1:
         title, captions = f"{title}\n{captions[0]}".strip(), [""]
-    return _page(images, extent, colours, title, captions, label)
+    return _page(images, extent, colours, title, captions, label, ax)
 
 
 def animate(frames: Sequence[Frame], path: str | Path, title: str = "") -> None:
@@ -298,18 +306,23 @@ def _page(
     title: str,
     captions: Sequence[str] = ("",),
     label: str = pictures.ANGLE_LABEL,
+    ax: Given = None,
 ) -> Figure:
     """Put a colour bar, a ruler and titles around images of (2,) mm each."""
-    from matplotlib.figure import Figure
-
-    rows = 1 if len(images) == 1 else (len(images) + 1) // 2
-    columns = -(-len(images) // rows)
-    width, height = 7.5 / (1.0 if columns == 1 else 1.6) * extent / extent.max()
-    figure = Figure(
-        figsize=(columns * width + 0.9, rows * (height + 0.25 * any(captions)) + 0.3),
-        layout="constrained",
-    )
-    every = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure: Any
+    if ax is None:
+        rows = 1 if len(images) == 1 else (len(images) + 1) // 2
+        columns = -(-len(images) // rows)
+        width, height = 7.5 / (1.0 if columns == 1 else 1.6) * extent / extent.max()
+        figure = pictures.figure_of(
+            figsize=(columns * width + 0.9, rows * (height + 0.25 * any(captions)) + 0.3),
+            layout="constrained",
+        )
+        every = list(figure.subplots(rows, columns, squeeze=False).ravel())
+        bar = {"shrink": min(0.7, 2.4 / (rows * height))}
+    else:
+        every, bar = pictures.given(ax, len(images)), {"shrink": 0.7}
+        figure = every[0].figure
     for axes in every:
         axes.set_axis_off()
         axes.set(xlim=(0.0, extent[0]), ylim=(0.0, extent[1]), aspect="equal")
@@ -323,8 +336,7 @@ def _page(
     first = every[0]
     first.plot([left, left + length], [0.0, 0.0], "k", linewidth=2.0, clip_on=False)
     first.annotate(f"{length:g} mm", (left, 0.0), (0, 4), textcoords="offset points", fontsize=9)
-    shrink = min(0.7, 2.4 / (rows * height))
-    pictures.colour_bar(list(every), colours, label, shrink=shrink)
-    if any(captions):
+    pictures.colour_bar(every, colours, label, **bar)
+    if any(captions) and ax is None:
         figure.suptitle(title, fontsize=11)
     return figure

@@ -13,7 +13,7 @@ import csv
 import json
 import math
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,8 @@ from .folder import claim, explaining
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+    from ..net.network import Network
 
 
 def write_csv(
@@ -207,6 +209,41 @@ def write_pieces(comm: MPI.Intracomm, path: str | Path, pieces: Iterable[bytes])
             for turn in range(comm.size):
                 mine = turn == comm.rank and piece
                 together(partial(_append, piece=piece) if mine else None)
+
+
+def write_rows(
+    comm: MPI.Intracomm,
+    path: str | Path,
+    first: str,
+    number: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    whole: Container[str] = (),
+) -> None:
+    """Write a table of all ranks' rows: their numbers, under ``first``, and columns. Collective.
+
+    Of the columns (m,) those named in ``whole`` are whole numbers, others have ten digits, and an
+    empty field where there is no value.
+    """
+    head = ",".join([first, *columns]) + "\n" if comm.rank == 0 else ""
+    template = ",".join(["%d", *("%d" if name in whole else "%.10g" for name in columns)])
+    text = lines(template, number, *columns.values()).replace(b"nan", b"")
+    write_pieces(comm, path, [head.encode(), text])
+
+
+def write_crossovers(network: Network, path: str | Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write a row for each crossover, in one order on any number of ranks. Collective.
+
+    ``columns`` are those of this rank's crossovers, (n_owned,).
+    """
+    number, rows = in_order(
+        network.comm,
+        network.crossover_number_global,
+        network.num_crossovers_global,
+        np.column_stack(list(columns.values())),
+    )
+    whole = {name for name, values in columns.items() if values.dtype.kind in "bi"}
+    own = dict(zip(columns, rows.T, strict=True))
+    write_rows(network.comm, path, "crossover", number, own, whole)
 
 
 def _append(path: Path, piece: bytes) -> None:

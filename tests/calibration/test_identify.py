@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from cruciform_petsc.calibrate import calibrate_case
@@ -761,6 +762,13 @@ def test_picture():
     drawn = figure(found, r"Frame $\frac{$")  # which is no formula
     drawn.savefig(io.BytesIO())
     curves, residuals, law = drawn.axes
+    other = Figure().subplots()
+    assert found.plot(other, "law") is other
+    assert other.get_ylabel() == law.get_ylabel()
+    assert found.plot(other) is other  # as many parts as there are axes
+    assert other.get_ylabel() == curves.get_ylabel() == "load (N)"
+    with pytest.raises(InputError, match='no picture "lawn".*did you mean "law"'):
+        found.plot(what="lawn")
     start, fit, data = (line.get_xydata().T for line in curves.lines)
     np.testing.assert_allclose(start, [[0.0, *1e3 * FRAME], [0.0, *found.start_loads]])
     np.testing.assert_allclose(fit, [[0.0, *1e3 * FRAME], [0.0, *found.loads]])

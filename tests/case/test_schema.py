@@ -231,7 +231,7 @@ def test_laws_beside_a_fabric_of_the_library(write):
     law = 'fabric.shear={law="table", angle="deg", force="N/mm", points=[[0, 0], [10, 0.01]]}'
     case = Case.load(write(SPECIMEN), [law, 'fabric.tension={strain="log", compression=0.01}'])
     fabric = case.fabric()
-    assert fabric.name == "e-glass-plain-2.4, shear and tension replaced"
+    assert fabric.name == "e-glass-plain-2.4, tension and shear replaced"
     assert fabric.warp.poisson == 0.45
     assert fabric.shear.evaluate(math.radians(10))[1] == pytest.approx(10.0)
     assert (fabric.log_strain, fabric.compression, fabric.compression_width) == (True, 0.01, 1e-4)

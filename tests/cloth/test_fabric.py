@@ -310,7 +310,7 @@ def test_changes_to_a_fabric_of_the_library():
     """Shear and tension are replaced, the rest stays."""
     name = "glass-pp-plain-1.93"
     fabric = Fabric.from_library(name, {"shear": SHEAR_TABLE, "tension": {"strain": "log"}})
-    assert fabric.name == f"{name}, shear and tension replaced"
+    assert fabric.name == f"{name}, tension and shear replaced"
     assert fabric.warp == Fabric.from_library(name).warp
     assert fabric.shear.name == "table"
     assert (fabric.log_strain, fabric.compression) == (True, 1.0)

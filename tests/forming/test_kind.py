@@ -19,7 +19,7 @@ from cruciform_petsc.errors import InputError
 from cruciform_petsc.forming.measures import DrawIn, penetration
 from cruciform_petsc.forming.press import stage_number
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.formed import _frame
+from cruciform_petsc.output.formed import frame_of
 
 COMM = MPI.COMM_SELF
 SYRUP = 'gravity = true\ncontact = { viscosity = "1e6 N s/m^3" }'
@@ -248,7 +248,7 @@ def test_removed_tools_are_not_drawn(tmp_path):
     np.testing.assert_allclose(np.ptp(corners[4][holder], axis=(0, 1)), 0.0, atol=1e-12)
     assert np.ptp(corners[4][cells], axis=(0, 1)).min() > 1e-3  # the others are there
     forming, result = formed(COMM, path)
-    before, after = (_frame(forming, state) for state in result.states[-2:])
+    before, after = (frame_of(forming, state) for state in result.states[-2:])
     assert len(before.above[1]) > len(after.above[1]) > 0
     assert len(before.below[1]) == len(after.below[1])
     assert [before.caption, after.caption] == ["draw, 100 %", "open, 100 %"]

@@ -40,9 +40,9 @@ BIAS = {"kind": "bias-extension", "extension": ["1 mm", "3 mm", "4 mm"], "increm
 SAME, ANY = 1e-10, 1e-7
 
 
-def case_of(test=BIAS, angle="45 deg"):
+def case_of(test=BIAS, angle="45 deg", further=None):
     return Case.from_data({
-        "fabric": {
+        "fabric": (further or {}) | {
             "use": "glass-pp-plain-1.93",
             "shear": {"law": "table", "angle": "deg", "force": "N/mm",
                       "points": [[5, 0.002], [20, 0.004], [35, 0.011], [50, 0.05]]},
@@ -111,6 +111,12 @@ FREE = {"kind": "off-axis-tension", "ends": "free", "extension": "1 mm", "increm
 DEAD = {"kind": "cantilever", "load": ["1e-4 N", "3e-4 N"], "increments": 4}
 TWICE = {"kind": "bias-extension", "extension": ["1 mm", "1 mm", "2 mm"], "increments": 3}
 TWICE_BY_LOAD = {"kind": "bias-extension", "load": ["0.1 N", "0.1 N", "0.15 N"]}
+# Shear that flows and rubs, and remembers.
+CYCLE = {
+    "kind": "bias-extension", "extension": ["2 mm", "0.5 mm", "2 mm"], "increments": 6,
+    "speed": "10 mm/min",
+}  # fmt: skip
+RESISTS = {"shear_viscosity": {"viscosity": "100 N s/m"}, "shear_friction": {"torque": "1 N/m"}}
 KINDS = {
     "bias by load": (LOADS, "45 deg"),
     "a value twice": (TWICE, "45 deg"),
@@ -119,6 +125,7 @@ KINDS = {
     "turning grips": (FRAME, "0 deg"),
     "free ends": (FREE, "30 deg"),
     "dead load": (DEAD, "0 deg"),
+    "shear with a memory": (CYCLE, "45 deg", RESISTS),
 }
 
 

@@ -227,10 +227,20 @@ def test_surface_is_joined_along_yarns():
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no Chromium here")
-def test_view_in_a_browser(folder):
+@pytest.mark.parametrize("kind", ["formed", "flat"])
+def test_report_in_a_browser(kind, request, tmp_path):
     """Turned, coloured and played in headless Chromium, without a message in its console."""
+    if kind == "formed":
+        page = request.getfixturevalue("folder") / "report.html"
+        told = "turned, coloured and played"
+    else:
+        case = Path(__file__).parents[2] / "demos" / "bias_extension.toml"
+        assert main(["run", str(case), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+        page = tmp_path / "out" / "report.html"
+        told = "opened; it has no view in space"
     done = subprocess.run(
-        [sys.executable, str(CHECK), str(folder / "report.html")],
+        [sys.executable, str(CHECK), str(page)],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    assert told in done.stdout

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from output.test_checkpoint import (
+    CYCLE,
     FRAME,
     LOADS,
+    RESISTS,
     SAME,
     case_of,
     curves_agree,
@@ -65,6 +67,23 @@ def test_begun_on_one_rank(tmp_path, test):
     assert len(checkpoint.increments) == (1 if test is FRAME else 4)
     result = solve(case, checkpoint, comm=COMM)
     curves_agree(result, solve(case, comm=COMM), OTHER_RANKS)
+
+
+def test_shear_remembers_on_other_ranks(tmp_path):
+    """Angles, anchors, time and what was dissipated go with their hinges, from all to one rank."""
+    case = case_of(CYCLE, "45 deg", RESISTS)
+    killed_run(tmp_path, case, COMM, 7)
+    whole = solve(case, comm=COMM)
+
+    def resume():
+        result = solve(case, Checkpoint.resume(MPI.COMM_SELF, tmp_path))
+        curves_agree(result, solve(case), OTHER_RANKS)
+        assert result.curve()["dissipated_in_shear_J"][-1] > 0.0
+        found = whole.increments[-1].columns["dissipated_in_shear_J"]
+        expected = result.increments[-1].columns["dissipated_in_shear_J"]
+        assert found == pytest.approx(expected, rel=OTHER_RANKS)
+
+    on_one(resume)
 
 
 def test_positions_do_not_depend_on_the_ranks(tmp_path):
