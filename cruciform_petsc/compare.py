@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .calibration.curve import columns_of_files, read_curve
+from .cloth.datasheet import assumed_shear
 from .cloth.preform import PreformTable
 from .errors import InputError, cut, harmless, unknown
 from .experiments.registry import KINDS, kind_class
@@ -174,6 +175,7 @@ class Side:
     asked: np.ndarray  # which of them have values that were asked for, bool (n,)
     notes: tuple[str, ...] = ()  # of measured data, see MeasuredCurve
     size: tuple[float, float] | None = None  # width and length of the specimen, m, if known
+    shear_assumed: bool = False  # whether its fabric's law of shear was not measured
 
     @property
     def is_measured(self) -> bool:
@@ -245,7 +247,11 @@ def read_side(path: str | Path, which: str | None = None) -> Side:
     with suppress(InputError, LookupError, TypeError):
         preform = PreformTable.from_data(summary["case"]["preform"], "preform").build()
         size = float(preform.size[0]), float(preform.size[1])
-    return Side(str(path), title, kind, _with_energy(columns), asked, size=size)
+    assumed = False
+    with suppress(LookupError, TypeError, AttributeError):
+        assumed = bool(assumed_shear(summary["fabric"]["assumed"]))
+    energies = _with_energy(columns)
+    return Side(str(path), title, kind, energies, asked, size=size, shear_assumed=assumed)
 
 
 def _table(path: Path) -> dict[str, np.ndarray]:
@@ -431,6 +437,14 @@ def compare_command(
             log.info(
                 "   specimens differ in size: --by strain or --by shear compares apart from it"
             )
+        guessed = [letter for letter, s in zip(letters, sides, strict=True) if s.shear_assumed]
+        if guessed:
+            log.info(
+                "   shear of %s is assumed, not measured: loads tell of what was assumed, not of "
+                "the cloth",
+                " and ".join(guessed),
+            )
+        told["shear_assumed"] = [letter.lower() for letter in guessed]
         axis = quantity(told["over"])
         for letter, differences in zip(letters, figures, strict=False):
             log.info(

@@ -40,7 +40,7 @@ from .output.exports import export, export_formed
 from .output.folder import LOG, OF_RUN, locked, remove_results
 from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
-from .output.progress import Progress
+from .output.progress import Progress, sign_of_life
 from .output.provenance import file_notes, notes_on
 from .output.report import write_fishnet_report, write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
@@ -227,7 +227,7 @@ class _Run:
         model = "" if case.test.finite else f", {experiment.model} model"
         with self.stages.stage("solve", f"{case.test.kind}, {_size(case)}{model}, solved"):
             try:
-                with progress.bar():
+                with progress.bar(), sign_of_life(self.log):
                     return experiment.solve(progress, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
@@ -509,7 +509,8 @@ class _FormingRun(_Run):
         """Form; what ends it early is kept in ``failure``, with what was reached."""
         with self.stages.stage("solve", "formed"):
             try:
-                return forming.solve(record, self.checkpoint)
+                with sign_of_life(self.log):
+                    return forming.solve(record, self.checkpoint)
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)

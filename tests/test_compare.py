@@ -40,6 +40,28 @@ def similar(folder, factor, **more):
     return results(folder, columns | more, size=(100 * factor, 200 * factor))
 
 
+def test_loads_of_assumed_shear_are_not_compared_without_a_word(tmp_path, capsys):
+    """Two data sheets have the same shear, whatever their cloths."""
+    sheet, given = similar(tmp_path / "sheet", 1), similar(tmp_path / "given", 1)
+    for folder, told in (
+        (sheet, ["fabric.shear.modulus = 0.5 N/cm, assumed, by no data"]),
+        (given, []),
+    ):
+        summary = json.loads((folder / "summary.json").read_text())
+        summary["fabric"] = {"assumed": told}
+        (folder / "summary.json").write_text(json.dumps(summary))
+    out = tmp_path / "out"
+    for sides, letters in (
+        ((sheet, given), ["a"]),
+        ((sheet, sheet), ["a", "b"]),
+        ((given,) * 2, []),
+    ):
+        assert main(["compare", *map(str, sides), "--output", str(out)]) == 0
+        said = capsys.readouterr().out
+        assert ("is assumed, not measured" in said) == bool(letters)
+        assert json.loads((out / "comparison.json").read_text())["shear_assumed"] == letters
+
+
 @pytest.mark.parametrize("by", ["strain", "shear"])
 def test_similar_specimens_are_the_same_apart_from_size(tmp_path, by):
     """Over the extension they are not."""

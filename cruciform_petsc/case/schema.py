@@ -90,7 +90,8 @@ class OutputTable(Table):
     """[output]: where results go, and which."""
 
     directory: Name = "results"
-    """Folder of the results, made if it is not there."""
+    """Folder of the results, made if it is not there. Where a case file NAME.toml tells none it is
+    results/NAME."""
     pictures: bool = True
     """Figures of the result."""
     scene: bool = False
@@ -188,6 +189,9 @@ class Case(Table):
         for table, key in paths:
             if isinstance(table, dict) and isinstance(table.get(key), str) and table[key]:
                 table[key] = str((Path(path).parent / table[key]).absolute())
+        # Two cases beside each other shall not replace each other's results.
+        if isinstance(data.setdefault("output", {}), dict):
+            data["output"].setdefault("directory", f"results/{Path(path).stem}")
         for override in overrides:
             _apply(data, override)
         problems = Problems()

@@ -23,7 +23,7 @@ that of A / (pi d^2/4) round fibres of E pi d^4/64.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -137,6 +137,8 @@ def _crimp(own: YarnSheet, other: YarnSheet, thickness: float | None, weave: Wea
     return 9.0 / 16.0 * (height * other.yarns.si) ** 2 / weave.float_length
 
 
+# From half to three times what is assumed: the glass/PP of the library has 25 to 120 N/m.
+SPREAD = "fabric.shear.modulus=25,50,150N/m"
 # How estimates are made and what they are worth, by key; units of values that stand before it.
 HOW = {
     "modulus": (
@@ -172,6 +174,21 @@ def sentence(key: str, values: Mapping[str, float]) -> str:
     if len(set(shown.values())) == 1:
         return f"{' = '.join(shown)} = {next(iter(shown.values()))}, {how}"
     return f"{', '.join(f'{place} = {text}' for place, text in shown.items())}, {how}"
+
+
+def assumed_shear(sentences: Iterable[str]) -> str:
+    """What to know of a result for which shear was assumed; "" where it was not.
+
+    ``sentences`` are those of FabricTable.filled_in.
+    """
+    found = [text for text in sentences if text.startswith("fabric.shear") and "assumed" in text]
+    if not found:
+        return ""
+    return (
+        f"{found[0].partition(',')[0].partition(':')[0]} is assumed, not measured: where cloth "
+        "shears, loads go with it about in proportion, angles of a bias test hardly, angles and "
+        f"wrinkles of a part do; sweep CASE --vary {SPREAD} shows how far"
+    )
 
 
 def contradiction(estimated: float, given: float) -> str | None:

@@ -189,6 +189,10 @@ class Sheet:
 
     # -- results --------------------------------------------------------------------------------
 
+    def dissipated(self, state: Placed) -> dict[str, float]:
+        """Nothing: see Ply.dissipated."""
+        return {}
+
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a triangle, radians. Collective."""
         return most(self.comm, abs(self.stretching.measures(state)[:, 2]), 0.0)

@@ -49,6 +49,7 @@ FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
 OFF_PLANE = 1e-3  # of a pitch: by how much laid cloth may leave a plane of symmetry
+BESIDE = 0.6  # of the smaller of both: how much of tool and blank lies over each other as a rule
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
 
 
@@ -333,6 +334,8 @@ class Forming:
                 f'tool "{tool.name}" is {self._size_text(box)}, the blank '
                 f"{self._size_text(blank)}: is the unit of its file right?"
             )
+        else:
+            remarks += self._beside(tool)
         if driven:
             points, triangles = tool.surface.facets()
             towards, away = self._flats(tool.start.to_lab(points), triangles)
@@ -344,6 +347,22 @@ class Forming:
                     'one: is it upside down? turn = ["180 deg", "0 deg", "0 deg"] turns it over'
                 )
         return remarks
+
+    def _beside(self, tool: Tool) -> list[str]:
+        """A remark on a tool that lies beside the blank in plan, by its bounding box."""
+        blank, points = self._box(), tool.start.to_lab(tool.surface.facets()[0])[:, :2]
+        box = np.array([points.min(axis=0), points.max(axis=0)])
+        both = np.minimum(box[1], blank[1]) - np.maximum(box[0], blank[0])
+        smaller = min(float(np.prod(np.ptp(each, axis=0))) for each in (box, blank))
+        if np.prod(np.maximum(both, 0.0)) >= BESIDE * smaller or self.test.symmetry:
+            return []
+        x, y = map(length, tool.start.place[:2] - box.mean(axis=0) + blank.mean(axis=0))
+        spans = [" to ".join(map(length, ends)) for ends in box.T]
+        return [
+            f'tool "{tool.name}" lies at x = {spans[0]}, y = {spans[1]}, mostly beside the blank, '
+            "whose centre is x = y = 0: a file keeps its own origin; "
+            f'place = ["{x}", "{y}"] puts its middle there'
+        ]
 
     @staticmethod
     def _flats(points: np.ndarray, triangles: np.ndarray) -> tuple[float, float]:

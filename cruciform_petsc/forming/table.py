@@ -487,13 +487,15 @@ def check_pressure(
 def below_cloth(tools: Sequence[ToolTable], stages: Sequence[StageTable]) -> set[str]:
     """Names of the tools that the cloth lies on; the others come from above.
 
-    What looks up (side = "+z") is below, what looks down ("-z") above. Of the others those are
+    What looks up (side = "+z") is below, what looks down ("-z") above, as it lies once it has been
+    turned: a skin of which the cloth lies at "+z" in its file looks down when it is turned over. Of
+    the others, those that look aside too, those are
     above that travel downwards first or are pushed downwards, or by a force "towards the cloth";
     those that go up, or never move, are below.
     """
     below = set()
     for tool in tools:
-        up = {"+z": 1.0, "-z": -1.0}.get(tool.shape.side or "", 0.0)
+        up = float(np.sign(np.round(tool.looks[2], 6)))
         for stage in stages:
             if up == 0.0 and tool.name in stage.travel:
                 up = float(np.sign(stage.travel[tool.name][2].si))

@@ -34,8 +34,9 @@ from ..tools.surface import Facets
 from ..units import format_si
 from . import paraview, pictures, scene
 from .cells import area_ratio
+from .log import tell_assumed
 from .provenance import provenance
-from .sample import node_means, sample_surface
+from .sample import node_means, sample_map, sample_surface
 from .tables import write_crossovers, write_csv
 from .view import View, steps_shown
 
@@ -51,6 +52,7 @@ NAMED_STAGES = 4  # that an axis has room for
 MUCH = 0.25  # of the thickness: compaction on one side that is remarked on
 VISCOUS = 0.1  # of all energy, stored and dissipated: viscosity that is remarked on
 KPA, MM = 1e-3, 1e3  # in SI units
+WRINKLES = "height of wrinkles (mm)"
 VIEWED = (  # columns of fields.csv that the view in space may show
     "shear_deg", "wrinkle_height_mm", "bridging_mm", "contact_pressure_kPa",
     "warp_tension_N_per_mm", "weft_tension_N_per_mm", "warp_strain_percent", "weft_strain_percent",
@@ -289,6 +291,7 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         text = "              shear angle differs by {mean_abs_shear_deg:.2f} deg in the mean"
         text += ", after {time:.4g} stages"
         log.info("%s", text.format_map(continuum))
+    tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
 
@@ -402,10 +405,13 @@ def figures_of(
 ) -> dict[str, partial[Figure]]:
     """What draws each picture of a forming, on rank 0, by the name of its file. Collective."""
     frames = [frame_of(forming, state) for state in _of_the_way(formed.states)]
+    last = formed.states[-1]
+    height = _heights(forming, last)
     return {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
-        **_wrinkles(forming, formed.states[-1], title),
+        **_flat_maps(forming, last, height, title),
+        **_wrinkles(forming, last, height, title),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
 
@@ -488,13 +494,38 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
     on_root(forming.network.comm, draw)
 
 
-def _wrinkles(forming: Forming, state: State, title: str) -> dict[str, Any]:
-    """The picture of wrinkles' heights, where there are any. Collective."""
+def _flat_maps(
+    forming: Forming, state: State, height: np.ndarray | None, title: str
+) -> dict[str, Any]:
+    """Maps of the flat blank, which no tool hides: shear, and wrinkles if there are. Collective."""
+    fields = forming.blank.ply.fields(forming.blank.of_cloth(state))
+    shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+    shown = {"shear_map.png": (shear, "shear angle (°)")}
+    if height is not None:
+        shown["wrinkle_map.png"] = (MM * height, WRINKLES)
+    told = f"{title}\n{when(forming, state)}, on the flat blank"
+    drawn: dict[str, Any] = {}
+    for name, (values, label) in shown.items():
+        sample: Any = sample_map(forming.network, {"": values})  # on rank 0, which draws it
+        drawn[name] = partial(pictures.maps, sample, label, told)
+    return drawn
+
+
+def _heights(forming: Forming, state: State) -> np.ndarray | None:
+    """Heights of wrinkles at this rank's crossovers, m; None, where there are none. Collective."""
     height, blank = Waves.of(forming.blank, state).height, forming.blank
-    if most(blank.comm, np.nan_to_num(height), 0.0) <= NOTICED * blank.thickness:
+    noticed = most(blank.comm, np.nan_to_num(height), 0.0) > NOTICED * blank.thickness
+    return height if noticed else None
+
+
+def _wrinkles(
+    forming: Forming, state: State, height: np.ndarray | None, title: str
+) -> dict[str, Any]:
+    """The picture of wrinkles' heights, where there are any. Collective."""
+    if height is None:
         return {}
     frame = frame_of(forming, state, MM * height)
-    return {"wrinkles.png": partial(scene.formed, [frame], title, "height of wrinkles (mm)")}
+    return {"wrinkles.png": partial(scene.formed, [frame], title, WRINKLES)}
 
 
 def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:

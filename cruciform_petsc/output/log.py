@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import __version__, process
+from ..cloth.datasheet import assumed_shear
 from ..errors import CruciformError
 from ..parallel import on_root
 from ..quantities import angle_text, force_text, quantity, tension_text
@@ -148,8 +149,16 @@ def tell_outcome(
     log.info("")
     for name, text in (*_state(summary, result), *_comparisons(summary)):
         log.info("%-13s %s", name, text)
+    tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
+
+
+def tell_assumed(log: logging.Logger, summary: Mapping[str, Any]) -> None:
+    """What the figures rest on, where shear was assumed."""
+    text = assumed_shear(summary["fabric"]["assumed"])
+    if text:
+        log.info("assumed       %s", text)
 
 
 def last(value: Any) -> Any:

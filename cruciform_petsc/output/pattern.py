@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Drawings to cut by: the flat blank, its draw-in, and a part's outline mapped back onto it."""
+"""Drawings to cut by: the flat blank, its warp, its draw-in, a part's outline mapped back."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from .tables import write_csv, written_whole
 MM = 1e3  # in m
 FINE = 0.25  # of a pitch: how far apart points of a part's outline are at most
 FLAT, DRAWN_IN, PART = "flat blank", "draw-in in plan", "part on the flat blank"
-STYLE = {FLAT: "", DRAWN_IN: ' stroke-dasharray="2 1"', PART: ' stroke="red"'}
+WARP = "warp direction"
+STYLE = {FLAT: "", DRAWN_IN: ' stroke-dasharray="2 1"', WARP: "", PART: ' stroke="red"'}
+COLOURS = {FLAT: 7, DRAWN_IN: 8, WARP: 7, PART: 1}  # of DXF
+ARROW, HEAD = 0.2, 0.03  # of the blank's smaller side
 Rings = Mapping[str, list[np.ndarray]]  # by layer, mm (n, 2); closed ones end where they begin
 
 
@@ -35,7 +38,7 @@ def write_pattern(
     log: logging.Logger,
     part: shapely.Polygon | None = None,
 ) -> list[str]:
-    """Write outline.csv, outline.svg and outline.dxf; with a part net_pattern.csv. Collective.
+    """Write outline.csv, .svg and .dxf; with a part net_pattern.csv and .dxf. Collective.
 
     ``part`` is the outline that the formed cloth is trimmed to, in plan (x, y), m. Mapped back it
     is the blank to cut: a net pattern. Without ezdxf there is no DXF, and the log says so.
@@ -53,6 +56,7 @@ def write_pattern(
     flat = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
     now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(flat))]
     rings = {FLAT: flat, DRAWN_IN: [np.concatenate([r, r[:1]]) for r in now]}
+    rings[WARP] = [_arrow(flat[0], forming.network.to_lab(np.eye(2))[0])]
     remarks: list[str] = []
     if part is not None:
         net, remarks = mapped_back(forming, state, part)
@@ -62,6 +66,8 @@ def write_pattern(
         rings[PART] = [piece for k in np.unique(ring) for piece in _pieces(MM * net[ring == k])]
     on_root(comm, lambda: _write_svg(directory / "outline.svg", rings))
     missing = on_root(comm, lambda: _write_dxf(directory / "outline.dxf", rings))
+    if part is not None and not missing:  # nothing but what is cut, as a blank can be read from
+        on_root(comm, lambda: _write_dxf(directory / "net_pattern.dxf", {PART: rings[PART]}))
     if missing:
         log.info("%sno outline.dxf: %s", INDENT, missing)
     return remarks
@@ -154,6 +160,15 @@ def _barycentric(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, n
     return np.column_stack([1.0 - second - third, second, third]), sound
 
 
+def _arrow(around: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """An arrow in the middle of a ring (n, 2), along a unit vector (2,), in one stroke (5, 2)."""
+    low, high = around.min(axis=0), around.max(axis=0)
+    side, across = float((high - low).min()), np.array([-along[1], along[0]])
+    tip = 0.5 * (low + high) + 0.5 * ARROW * side * along
+    barbs = [tip - HEAD * side * (along + sign * 0.5 * across) for sign in (1.0, -1.0)]
+    return np.array([tip - ARROW * side * along, tip, barbs[0], tip, barbs[1]])
+
+
 def _pieces(ring: np.ndarray) -> list[np.ndarray]:
     """What is known of a ring (n, 6), on the flat blank."""
     points = ring[:, 1:3]
@@ -175,6 +190,13 @@ def _write_svg(path: Path, rings: Rings) -> None:
         for ring in curves:
             text = " ".join(f"{x:.4f},{-y:.4f}" for x, y in ring)
             lines.append(f'<polyline points="{text}"/>')
+        if layer == WARP:
+            x, y = curves[0][1]
+            size = np.linalg.norm(np.ptp(curves[0][:2], axis=0)) / 8.0
+            lines.append(
+                f'<text x="{x:.4f}" y="{-y:.4f}" dx="2" font-size="{size:.4g}" '
+                'font-family="sans-serif" fill="black" stroke="none">warp</text>'
+            )
         lines.append("</g>")
     with written_whole(path) as temporary:
         temporary.write_text("\n".join([*lines, "</svg>", ""]))
@@ -187,8 +209,8 @@ def _write_dxf(path: Path, rings: Rings) -> str:
     except ImportError:
         return "it needs ezdxf (pip install ezdxf)"
     document = ezdxf.new("R2000", units=ezdxf.units.MM)
-    for layer, colour in zip(rings, (7, 8, 1), strict=False):
-        document.layers.add(layer, color=colour)
+    for layer in rings:
+        document.layers.add(layer, color=COLOURS[layer])
         for ring in rings[layer]:
             closed = bool((ring[0] == ring[-1]).all())
             points = ring[: len(ring) - closed].tolist()

@@ -7,6 +7,7 @@ import logging
 import os
 import stat
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from ..experiments.experiment import Experiment
 
 NARROWEST = 40  # columns; what claims less does not know
+QUIET, QUIETEST = 30.0, 600.0  # s without a line: after the first, then each time twice as long
 
 
 class Progress:
@@ -211,6 +213,55 @@ def progress_bar(
         console.show_cursor(True)
         for handler in mine:
             handler.setStream(stdout)
+
+
+class _Last(logging.Filter):
+    """Notes when something was told, signs of life not counted; lets all through."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.at = time.monotonic()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Note it."""
+        if not getattr(record, "still", False):
+            self.at = time.monotonic()
+        return True
+
+
+@contextmanager
+def sign_of_life(log: logging.Logger, quiet: float = QUIET) -> Iterator[None]:
+    """Have the log say that the block still runs where it tells nothing for a while (s).
+
+    Then after twice as long each time, QUIETEST at most. Not collective; where the log tells
+    warnings only (or nothing, as on ranks other than 0) nothing is told. A step on the way through
+    wrinkles may take hundreds of Newton steps, and smaller steps after them.
+    """
+    if not log.isEnabledFor(logging.INFO):
+        yield
+        return
+    last, over = _Last(), threading.Event()
+
+    def tell() -> None:
+        due = quiet
+        while not over.wait(min(0.25 * quiet, 1.0)):
+            silent = time.monotonic() - last.at
+            if silent < quiet:
+                due = quiet
+            elif silent >= due:
+                text = "           still looking for the next equilibrium, for %s by now"
+                log.info(text, duration(silent), extra={"still": True})
+                due += min(due, QUIETEST)
+
+    log.addFilter(last)
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        log.removeFilter(last)
 
 
 def duration(seconds: float) -> str:

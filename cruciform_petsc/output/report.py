@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cloth.datasheet import assumed_shear
 from ..parallel import on_root
 from ..quantities import (
     angle_text,
@@ -45,6 +46,8 @@ MAPS = {  # {at}: the last value asked for
     "formed.png": "The formed blank {at}, coloured by the size of the shear angle, on its tools; "
     "those from above are cut open in front.",
     "stages.png": "Stages of the test in true scale, with one colour scale.",
+    "wrinkle_map.png": "Height of wrinkles {at}, drawn on the flat blank.",
+    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
     "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
@@ -52,7 +55,6 @@ MAPS = {  # {at}: the last value asked for
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
     "energy.png": "Strain energy: tension, shear, yarn bending.",
-    "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
@@ -62,6 +64,7 @@ CAPTIONS = MAPS | {  # and Experiment.captions
 }
 FORMING_CAPTIONS = {
     "stages.png": "On the way there, in true scale and with one colour scale.",
+    "shear_map.png": "Shear angle {at}, with its sign, drawn on the flat blank.",
     "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
 }
 FISHNET_CAPTIONS = {
@@ -260,6 +263,7 @@ def _write(
             summary=summary,
             words=_words(summary),
             fabric=fabric(case),
+            assumed_shear=assumed_shear(summary["fabric"]["assumed"]),
             case_tables=_case(case),
             sizes=_sizes(summary),
             times=[(STAGES.get(name, name), f"{s:.2f} s") for name, s in summary["wall_s"].items()],
@@ -511,8 +515,8 @@ def fabric(case: Case) -> dict[str, Any]:
         words.append(fabric.source)
     elif fabric.source:
         words.append(f"Source: {fabric.source}")
-    words += [f"{sentence[0].upper()}{sentence[1:]}." for sentence in case.fabric_table.filled_in()]
-    return {"table": yarns(fabric), "text": " ".join(word for word in words if word)}
+    text = " ".join(word for word in words if word)
+    return {"table": yarns(fabric), "text": text, "filled_in": case.fabric_table.filled_in()}
 
 
 def _case(case: Case) -> list[tuple[str, list[tuple[str, str]]]]:

@@ -120,6 +120,14 @@ def _three(values: list[Any]) -> list[Any]:
     return values
 
 
+def _two_or_three(values: list[Any]) -> list[Any]:
+    if len(values) not in (2, 3):
+        raise ValueError(
+            f"must be a list of 3, for x, y and z, or of 2, to touch there, got {len(values)}"
+        )
+    return values
+
+
 def _not_zero(axis: list[float]) -> list[float]:
     if not any(axis):
         raise ValueError("must have a direction, got 0, 0, 0")
@@ -142,6 +150,7 @@ def _rising(curve: list[list[float]]) -> list[list[float]]:
 
 Radius = Annotated[Quantity, Of("m", good=lambda r: r >= 0.0, wanted="zero or positive")]
 Place = Annotated[list[Length], AfterValidator(_three)]
+Start = Annotated[list[Length], AfterValidator(_two_or_three)]
 Sizes = Annotated[list[Size], AfterValidator(_three)]
 Angles = Annotated[list[Annotated[Quantity, Of("rad")]], AfterValidator(_three)]
 Axis = Annotated[list[Number], AfterValidator(_three), AfterValidator(_not_zero)]
@@ -405,14 +414,30 @@ class ToolTable(Table):
     """What stages and results call it."""
     shape: ShapeTable
     """What it looks like. Example: `{ sphere = { radius = "75 mm" } }`"""
-    place: Place | None = None
+    place: Start | None = None
     """Of its frame's origin, x, y, z from the centre of the blank and the die's flat. The default
-    is where it just touches. Example: `["0 mm", "0 mm", "10 mm"]`"""
+    is where it just touches; with x and y alone, where it does there.
+    Example: `["0 mm", "0 mm", "10 mm"]`"""
     turn: Angles | None = None
     """About x, then y, then z, axes that stay where they are.
     Example: `["0 deg", "0 deg", "45 deg"]`"""
     friction: Friction = 0.0
     """Coulomb's coefficient between tool and cloth."""
+
+    @property
+    def looks(self) -> np.ndarray:
+        """Where the cloth lies by `side` once the tool is turned, a unit vector (3,); else 0."""
+        side = self.shape.side or ""
+        axis = np.zeros(3)
+        if side[1:] in ("x", "y", "z"):
+            axis["xyz".index(side[1])] = 1.0 if side[0] == "+" else -1.0
+        return self._turn() @ axis
+
+    def _turn(self) -> np.ndarray:
+        """What `turn` says, (3, 3)."""
+        if self.turn is None:
+            return np.eye(3)
+        return Rotation.from_euler("xyz", si_values(self.turn)).as_matrix()
 
     def build(
         self,
@@ -433,14 +458,12 @@ class ToolTable(Table):
             surface = self.shape.build(folder, reach, turned_over)
         except InputError as error:
             raise InputError(f'tool "{self.name}": {error}') from None
-        turn = np.eye(3)
-        if self.turn is not None:
-            turn = Rotation.from_euler("xyz", si_values(self.turn)).as_matrix()
+        turn = self._turn()
         if turned_over:
             turn = turn @ _HALF_TURN
-        place = np.zeros(3) if self.place is None else np.array(si_values(self.place))
-        pose = Pose(place, turn)
-        return Tool(self.name, surface, self.friction, pose, self.place is not None)
+        told = [] if self.place is None else si_values(self.place)
+        pose = Pose(np.array([*told, 0.0, 0.0, 0.0][:3]), turn)
+        return Tool(self.name, surface, self.friction, pose, len(told) == 3)
 
 
 class TurnTable(Table):

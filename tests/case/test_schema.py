@@ -108,10 +108,11 @@ def test_defaults(write):
     assert (case.continuum.second_gradient, case.second_gradient) == (None, True)
     assert case.solver.options == {}
     assert (case.output.directory, case.output.pictures, case.output.paraview) == (
-        "results",
+        "results/case",
         True,
         True,
     )
+    assert Case.load(write(OWN_FABRIC), ["output.directory=here"]).output.directory == "here"
 
 
 def test_everything_given(write):

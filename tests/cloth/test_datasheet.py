@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from cruciform_petsc import Case, Fabric, InputError
 from cruciform_petsc.cli import main
-from cruciform_petsc.cloth.datasheet import DatasheetTable, YarnSheet
+from cruciform_petsc.cloth.datasheet import DatasheetTable, YarnSheet, assumed_shear
 from cruciform_petsc.cloth.fabric import FabricTable
 from cruciform_petsc.cloth.weave import Weave
 from cruciform_petsc.units import Quantity
@@ -269,7 +269,16 @@ def test_a_case(tmp_path, capfd):
     for sentence in told:
         assert sentence in checked
         assert sentence in log
-        assert sentence[1:] in report
+        assert sentence in report
+    known = assumed_shear(told)
+    assert "fabric.shear.modulus = 0.5 N/cm is assumed, not measured" in known
+    assert known not in checked
+    assert known in log
+    assert f"<li>{known}.</li>" in report
+    measured = [sentence for sentence in told if not sentence.startswith("fabric.shear")]
+    assert assumed_shear(measured) == ""
+    assert assumed_shear(FabricTable(use="glass-pp-plain-1.93").filled_in()) == ""
+    assert assumed_shear(FabricTable(use="pvc-polyester-type-2").filled_in()) != ""
 
 
 def test_the_example_of_the_docs():

@@ -182,7 +182,7 @@ def test_run_and_check(tmp_path, capfd):
     assert steps.max() < 5.0  # in order along the outline, 4.17 mm apart
     drawn = 28.0 - min(abs(float(row["x_mm"])) for row in ends if float(row["x_rest_mm"]) > 27.9)
     assert drawn == pytest.approx(summary["draw_in_mm"]["right"])
-    assert (folder / "outline.svg").read_text().count("<polyline") == 2
+    assert (folder / "outline.svg").read_text().count("<polyline") == 3  # blank, draw-in, warp
     assert {path.name for path in folder.iterdir() if path.suffix == ".vtkhdf"} == {
         "series.vtkhdf", "tools.vtkhdf",
     }  # fmt: skip
@@ -194,6 +194,7 @@ def test_pictures_and_report(tmp_path):
     assert main(["run", str(path), "--output", str(folder), "--quiet"]) == 0
     drawn = {path.name for path in folder.glob("*.png")}
     assert drawn >= {"tool_forces.png", "draw_in.png", "energy.png"}
+    assert drawn >= {"shear_map.png", "wrinkle_map.png"}  # flat, so without VTK too
     page = (folder / "report.html").read_text()
     words = ("Forming", "<h2>Part</h2>", "punch, force along z", "[[tool]]", "[[stage]]")
     for text in (*words, "Wrinkles start from"):
@@ -255,6 +256,7 @@ def test_removed_tools_are_not_drawn(tmp_path):
 
 
 PUNCH = 'shape = { sphere = { radius = "12 mm", shaft = true } }\n'
+PLACE = 'place = ["{} mm", "{} mm", "40 mm"]\nturn = ["180 deg", "0 deg", "0 deg"]'
 
 
 @pytest.mark.parametrize(
@@ -263,6 +265,11 @@ PUNCH = 'shape = { sphere = { radius = "12 mm", shaft = true } }\n'
         ([(PUNCH, "FILE unit = 'mm' }\n")], "is it upside down?"),
         ([(PUNCH, "FILE unit = 'mm' }\nturn = ['180 deg', '0 deg', '0 deg']\n")], ""),
         ([(PUNCH, "FILE unit = 'cm' }\n")], "is the unit of its file right?"),
+        ([(PUNCH, f"FILE unit = 'mm' }}\n{PLACE.format(20, 0)}\n")], ""),
+        (
+            [(PUNCH, f"FILE unit = 'mm' }}\n{PLACE.format(45, -40)}\n")],
+            "mostly beside the blank, whose centre is x = y = 0: a file keeps its own",
+        ),
         (
             [('fillet = "4 mm"', 'fillet = "1 mm"')],
             'tool "die" has radii down to 1 mm, and the net',
@@ -274,7 +281,7 @@ PUNCH = 'shape = { sphere = { radius = "12 mm", shaft = true } }\n'
     ],
 )
 def test_what_hardly_fits_is_remarked_on(tmp_path, changes, words):
-    """A punch that presses with its base; centimetres for millimetres; arms longer than radii."""
+    """A punch that presses with its base; centimetres; one beside the blank; arms over radii."""
     tool = Path(__file__).parents[2] / "demos" / "tools" / "tetrahedron.stl"
     (tmp_path / "tip.stl").write_bytes(tool.read_bytes())
     file = "shape = { file = 'tip.stl', cell = '4 mm',"
@@ -282,7 +289,20 @@ def test_what_hardly_fits_is_remarked_on(tmp_path, changes, words):
     case = Case.load(path)
     forming = case.forming(Network(COMM, case.preform(), case.fabric()))
     told = " ".join(forming.remarks)
-    assert (words in told) if words else ("upside down" not in told)
+    assert (words in told) if words else ("upside down" not in told and "beside" not in told)
+
+
+def test_a_place_in_plan_alone_touches_there(tmp_path):
+    """The punch comes down beside the axis to where it meets the blank, as it does on it."""
+    starts = []
+    for place in ("", "place = ['3 mm', '-2 mm']\n", "place = ['3 mm', '-2 mm', '90 mm']\n"):
+        case = Case.load(written(tmp_path, (PUNCH, PUNCH + place)))
+        forming = case.forming(Network(COMM, case.preform(), case.fabric()))
+        starts.append(forming.tools[1].start.place)
+    np.testing.assert_allclose(starts[1] - starts[0], [3e-3, -2e-3, 0.0], atol=2e-4)
+    np.testing.assert_allclose(starts[2], [3e-3, -2e-3, 0.09], atol=1e-15)
+    with pytest.raises(InputError, match=r"tool\[1\].place must be a list of 3, for x, y"):
+        Case.load(written(tmp_path, (PUNCH, PUNCH + "place = ['3 mm']\n")))
 
 
 def test_blank_in_the_opening(tmp_path):

@@ -15,8 +15,9 @@ from support.forming import CASE, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
+from cruciform_petsc.cloth.preform import PreformTable
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.output.pattern import DRAWN_IN, FLAT, PART, mapped_back, write_pattern
+from cruciform_petsc.output.pattern import DRAWN_IN, FLAT, PART, WARP, mapped_back, write_pattern
 from cruciform_petsc.tools import shapes
 from cruciform_petsc.tools.tool import Tool
 
@@ -71,7 +72,7 @@ def test_where_the_cloth_does_not_reach(tmp_path):
     assert any(row["x_rest_mm"] == "" for row in rows if row["ring"] == "0")
     assert all(row["x_rest_mm"] for row in rows if row["ring"] == "1")
     layers = ElementTree.parse(tmp_path / "outline.svg").getroot().findall(f"{SVG}g")
-    assert [layer.get("id") for layer in layers] == [FLAT, DRAWN_IN, PART]
+    assert [layer.get("id") for layer in layers] == [FLAT, DRAWN_IN, WARP, PART]
 
 
 @pytest.mark.parametrize("height", [5e-3, -5e-3])
@@ -99,13 +100,20 @@ def test_dxf_has_the_same_layers(tmp_path):
     document = ezdxf.readfile(tmp_path / "outline.dxf")
     assert document.units == ezdxf.units.MM
     lines = {line.dxf.layer: line for line in document.modelspace()}
-    assert list(lines) == [FLAT, DRAWN_IN, PART]
-    assert all(line.closed for line in lines.values())
+    assert list(lines) == [FLAT, DRAWN_IN, WARP, PART]
+    assert all(line.closed == (name != WARP) for name, line in lines.items())
+    begin, tip, *_ = np.array(lines[WARP].get_points("xy"))
+    warp = forming.network.to_lab(np.eye(2))[0]
+    np.testing.assert_allclose(tip - begin, 20.0 * warp, atol=1e-9)  # a fifth of 100 mm
     corners = np.array(lines[FLAT].get_points("xy"))
     np.testing.assert_allclose(abs(corners), [[60, 50]] * 4)
     with (tmp_path / "net_pattern.csv").open() as file:
         rows = [(float(r["x_rest_mm"]), float(r["y_rest_mm"])) for r in csv.DictReader(file)]
     np.testing.assert_allclose(lines[PART].get_points("xy"), rows[:-1], atol=1e-9)
+    # The next blank can be read from what is cut.
+    outline = {"file": str(tmp_path / "net_pattern.dxf")}
+    blank = PreformTable.from_data({"outline": outline, "bias_angle": "0 deg"}, "preform").build()
+    np.testing.assert_allclose(1e3 * blank.size, np.ptp(rows, axis=0), rtol=1e-6)
 
 
 def test_without_ezdxf_it_is_said(tmp_path, monkeypatch, caplog):

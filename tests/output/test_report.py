@@ -7,6 +7,8 @@ import json
 import logging
 import re
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +30,13 @@ from cruciform_petsc.compare import (
 )
 from cruciform_petsc.errors import InputError
 from cruciform_petsc.experiments.net_kinematics import net_angle
-from cruciform_petsc.output.progress import Route, duration, is_terminal, progress_bar
+from cruciform_petsc.output.progress import (
+    Route,
+    duration,
+    is_terminal,
+    progress_bar,
+    sign_of_life,
+)
 from cruciform_petsc.output.report import CAPTIONS, curve_table, fabric, gallery, numbers
 from cruciform_petsc.quantities import force_text
 from cruciform_petsc.run import check_case, run_case
@@ -555,6 +563,23 @@ def test_terminals_of_open_mpi_are_not_taken_at_their_word(monkeypatch):
     monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
     monkeypatch.setattr(progress, "parents_terminal", lambda: None)
     assert not is_terminal(Terminal())
+
+
+def test_a_log_that_says_nothing_gives_a_sign_of_life():
+    """After a while, then after twice as long; a line in between begins anew; quietly none."""
+    for level, quiet, heard in ((logging.INFO, 0.05, True), (logging.WARNING, 0.05, False)):
+        stream, log = io.StringIO(), logging.Logger("life", level)
+        log.addHandler(logging.StreamHandler(stream))
+        with sign_of_life(log, quiet):
+            time.sleep(0.5)
+            log.info("a step")
+            told = stream.getvalue().count("still looking for the next equilibrium")
+        assert bool(told) == heard
+        assert told <= 4  # after 0.05, 0.1, 0.2 and 0.4 s
+        assert not log.filters
+    with sign_of_life(log):
+        threads = threading.active_count()
+    assert threading.active_count() == threads
 
 
 def test_durations():
