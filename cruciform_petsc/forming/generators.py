@@ -108,26 +108,32 @@ class Seed:
         """One half of the generator that follows a line in plan."""
         given = self.lines[k % 2]
         assert given is not None
-        line, here = shapely.LineString(given), shapely.Point(*self.place)
+        name, here = ("warp_line", "weft_line")[k % 2], shapely.Point(*self.place)
+        apart = np.linalg.norm(np.diff(given, axis=0), axis=1) > 1e-6 * link
+        corners = given[np.append(True, apart)]
+        if len(corners) < 2:
+            raise InputError(f"{name} is a point, and has no direction")
+        line = shapely.LineString(corners)
         if line.distance(here) > link:
             x, y = map(length, self.place)
             raise InputError(
-                f"{('warp_line', 'weft_line')[k % 2]} does not lead through the place "
+                f"{name} does not lead through the place "
                 f"x = {x}, y = {y}, where the cloth is laid first: it is "
                 f"{length(line.distance(here))} off"
             )
         at = line.project(here)
         coords = np.asarray(line.coords)
         along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(coords, axis=0), axis=1)))
-        ahead = coords[along > at] if k < 2 else coords[along < at][::-1]
-        points = np.concatenate([self.place[None], ahead])
-        if len(points) < 2:
-            points = np.array(
-                [
-                    self.place,
-                    self.place + np.diff(coords[-2:] if k < 2 else coords[1::-1], axis=0)[0],
-                ]
+        near = 1e-6 * link
+        sides = coords[along > at + near], coords[along < at - near][::-1]
+        ahead, behind = sides if k < 2 else sides[::-1]
+        if not len(ahead):  # it ends here, and goes on straight
+            ahead = 2.0 * self.place - behind[:1]
+        if not len(ahead):
+            raise InputError(
+                f"{('warp_line', 'weft_line')[k % 2]} is a point, and has no direction"
             )
+        points = np.concatenate([self.place[None], ahead])
         far = points[-1] + count * link * unit(points[-1] - points[-2])  # it goes on straight
         points = np.concatenate([points, far[None]])
         plan = shapely.get_coordinates(shapely.segmentize(shapely.LineString(points), link / FINE))

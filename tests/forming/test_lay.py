@@ -212,3 +212,14 @@ def test_lattice_of_joints_is_twice_as_fine():
     rows = np.ptp(net.crossover_ij, axis=0) + 1
     found = lay(net, np.zeros(2, np.int64), LayTable()._start(net, ball(), True, GAP)[1], 1.5)
     assert found.joints == (2 * rows + 1).prod()
+
+
+def test_lines_that_end_at_the_place_go_on_straight():
+    """Or have points twice; one that is a point only is refused."""
+    net = network((30.0, 30.0), origin=(0, 0))
+    straight = draped(net, generators="upright").laid
+    for line in ([[0, 0], [0, 0], [0, 10e-3]], [[0, -10e-3], [0, 0]]):
+        laid = draped(net, warp_line=line).laid
+        np.testing.assert_allclose(laid.crossovers, straight.crossovers, atol=1e-6)
+    with pytest.raises(InputError, match="warp_line is a point, and has no direction"):
+        draped(net, warp_line=[[0, 0], [0, 0]])
