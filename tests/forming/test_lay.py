@@ -189,6 +189,11 @@ def test_where_tools_end():
     laid = draped(network((60.0, 30.0)), field)
     assert laid.laid.beyond > 20
     assert 'crossovers are laid where tool "skin" has ended' in laid.remarks()[0]
+    # Within the height of the skin, too, where its own box goes on below.
+    ridge = height_field(lambda x, y: -(x**2) / 40e-3, x, x, cell=1e-3)
+    assert draped(network((8.0, 36.0)), Tool("ridge", ridge)).laid.beyond == 0
+    hanging = draped(network((8.0, 54.0)), Tool("ridge", ridge)).laid
+    assert hanging.beyond == (abs(hanging.crossovers[:, 1]) > 20.25e-3).sum() > 2
     endless = Tool("table", shapes.plane())
     assert draped(network((2000.0, 20.0), yarns_per_cruciform=4), endless).laid.beyond == 0
     tube = Tool("tube", shapes.cylinder(20e-3), 0.0, Pose(np.array([0, 0, -20e-3])))

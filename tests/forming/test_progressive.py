@@ -13,6 +13,7 @@ from support.laid import COMM, made, shear_of, written
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import EquilibriumError, InputError
+from cruciform_petsc.forming.forming import form
 from cruciform_petsc.output.checkpoint import Checkpoint
 
 PIECES = ("fishnet = {}", 'fishnet = { pieces = 3, press = "10 kPa" }')
@@ -62,6 +63,36 @@ def test_rows_follow_their_edge(tmp_path):
         np.testing.assert_allclose(new.x, turned(blank, state, 7.0), rtol=0, atol=1e-12)
     # What is laid stays as it is, to the bit.
     assert (new.x[blank.cloth_at[inner]] == x[blank.cloth_at[inner]]).all()
+
+
+def test_generators_go_on_as_they_run(tmp_path):
+    """Of a net that has not moved all is laid where it was; on a cylinder yarns turn as they go."""
+    tube = ('sphere = { radius = "40 mm", shaft = true }', 'cylinder = { radius = "40 mm" }')
+    angle = ('bias_angle = "0 deg"', 'bias_angle = "30 deg"')
+    forming = made(written(tmp_path, PIECES, tube, angle))
+    state = forming.blank.start()
+    for number in (1, 2):
+        new = forming.rows.next(forming.blank, state, number)
+        np.testing.assert_allclose(new.x, state.x, rtol=0, atol=1e-12)
+
+
+def test_laying_does_no_work(tmp_path):
+    """What moves between stages is not the loads' doing: cloth lifted off is sucked on again."""
+    rest = ("[output]", '[[stage]]\nname = "rest"\nstep = 1.0\n[output]')
+    forming = made(written(tmp_path, rest, ('rectangle = ["60 mm"', 'rectangle = ["40 mm"')))
+    blank, lift, works = forming.blank, 0.3e-3, []
+
+    def lifted(state, number):
+        x = state.x.copy()
+        x[blank.cloth_at, 2] += lift
+        return blank.placed_anew(replace(state, x=x), np.ones(len(x), bool))
+
+    for between in (None, lifted):
+        works.append(form(blank, forming.plans, between=between).steps[-1].load_work["suction"])
+    force = blank.pulls(blank.start())["suction"]
+    assert not force.any()  # it is of the stage
+    carried = form(blank, forming.plans).steps[-1].tool_force["mould"][2]
+    assert works[1] - works[0] == pytest.approx(carried * lift, rel=0.15)
 
 
 def test_moved_nodes_forget_but_what_they_have_spent(tmp_path):
