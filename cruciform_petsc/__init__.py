@@ -2,9 +2,9 @@
 """Woven fabrics as parallel networks of cruciform elements.
 
 - The cloth: `Fabric`, `YarnFamily`, `Preform`; `Network(comm, preform, fabric)` puts it together.
-- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `Cantilever`, `Pantograph`;
-  their `solve()` gives a `TestResult`. A blank among tools: `Forming`, whose `solve()` gives a
-  `Formed`.
+- Tests: `BiasExtension`, `PictureFrame`, `OffAxisTension`, `Biaxial`, `BiaxialLoad`, `Cantilever`,
+  `Pantograph`, `PullOut`; their `solve()` gives a `TestResult`. A blank among tools: `Forming`,
+  whose `solve()` gives a `Formed`.
 - To look at one: `result.plot()` the load, `result.plot(ax, "zones")` another picture, into axes of
   yours; `result.map("shear")`, `result.scene()`; `plot_comparison(one, other)`.
 - What is made of a result: `plot`, `scene`, `write`, `export`, `compare_with_membrane`.
@@ -61,10 +61,12 @@ if TYPE_CHECKING:
     from .errors import SolverError as SolverError
     from .experiments.bias_extension import BiasExtension as BiasExtension
     from .experiments.biaxial import Biaxial as Biaxial
+    from .experiments.biaxial_load import BiaxialLoad as BiaxialLoad
     from .experiments.cantilever import Cantilever as Cantilever
     from .experiments.off_axis import OffAxisTension as OffAxisTension
     from .experiments.pantograph import Pantograph as Pantograph
     from .experiments.picture_frame import PictureFrame as PictureFrame
+    from .experiments.pull_out import PullOut as PullOut
     from .experiments.result import TestResult as TestResult
     from .forming.forming import Formed as Formed
     from .forming.kind import Forming as Forming
@@ -85,9 +87,11 @@ _NAMES = {
     "errors": ("CruciformError", "InputError", "InputWarning", "SolverError"),
     "experiments.bias_extension": ("BiasExtension",),
     "experiments.biaxial": ("Biaxial",),
+    "experiments.biaxial_load": ("BiaxialLoad",),
     "experiments.cantilever": ("Cantilever",),
     "experiments.off_axis": ("OffAxisTension",),
     "experiments.pantograph": ("Pantograph",),
+    "experiments.pull_out": ("PullOut",),
     "experiments.picture_frame": ("PictureFrame",),
     "experiments.result": ("TestResult",),
     "forming.forming": ("Formed",),

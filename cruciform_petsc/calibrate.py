@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""From a case and a measured load curve to the shear law: `cruciform-petsc calibrate CASE --data`.
+"""From a case and measured data to a law: `cruciform-petsc calibrate CASE --data FILE`.
+
+The shear law from load curves, or the crimp model from biaxial tensions (kind = "biaxial").
 
 docs/calibration.md tells how to use it and what it assumes.
 """
@@ -23,13 +25,16 @@ from .calibration import (
     predict,
     read_curve,
 )
+from .calibration.crimp import fit_crimp
 from .calibration.curve import columns_of_files
 from .calibration.result import rms
 from .calibration.specimen import KINDS
 from .case.schema import Case
+from .cloth.biaxial import points_of_file
 from .errors import InputError
 from .net.network import Network
 from .output.calibration import hold_out_summary, write
+from .output.crimp_fit import write_crimp
 from .parallel import on_root
 from .units import format_si
 
@@ -73,6 +78,13 @@ def calibrate_case(
 
     Returns the summary; raises InputError or SolverError on every rank.
     """
+    if case.test.kind == "biaxial":
+        if hold_out is not None or also or weights is not None or columns:
+            raise InputError(
+                "a crimp model is found from one file of biaxial data, whose titles name its "
+                "columns: leave out --also, --hold-out, --weights and --columns"
+            )
+        return calibrate_crimp(comm, case, data_path, directory, log)
     fitted = [(case, data_path), *also]
     tests = [_test(case, "the case"), *(_test(each, "the case beside it") for each, _ in also)]
     weights = [1.0] * len(fitted) if weights is None else weights
@@ -134,6 +146,39 @@ def calibrate_case(
     if prediction is not None:
         _log_prediction(log, prediction)
     log.info("may be used   %s", summary["verdict"])
+    log.info("results in    %s, the law for a case file in law.toml", directory)
+    return summary
+
+
+def calibrate_crimp(
+    comm: MPI.Intracomm, case: Case, data_path: str | Path, directory: Path, log: logging.Logger
+) -> dict[str, Any]:
+    """Identify the crimp model of a case's fabric from biaxial data. Collective.
+
+    Of the case count the fabric's yarns per length and its tension.crimp, from which the search
+    starts and whose heights and yarn bending stay; the file is as for tension.surface. Writes and
+    returns the same files and summary as calibrate_case, with no hold-out.
+    """
+    tension = case.fabric_table.tension
+    if tension is None or tension.crimp is None:
+        raise InputError(
+            'with test.kind = "biaxial" calibrate finds a crimp model: fabric.tension.crimp is '
+            "missing, which has the crimp heights and where to start from (measured tensions "
+            "themselves are a law by fabric.tension.surface, without calibration)"
+        )
+    fabric = case.fabric()
+    yarns = fabric.warp.yarns, fabric.weft.yarns
+    start = tension.crimp.crimp(*yarns)
+    found = on_root(comm, lambda: fit_crimp(points_of_file(data_path, *yarns), start))
+    log.info("%s", case.title)
+    log.info("           %r", fabric)
+    told = 100.0 * found.misfit, 100.0 * found.start_misfit, len(found.points)
+    log.info("fit           RMS of the relative error %.2f %% (start %.2f %%), %d points", *told)
+    for name, error in found.errors.items():
+        remark = "  not settled by the points" if name in found.unknown else ""
+        log.info("              %-15s standard error %5.1f %%%s", name, 100.0 * error, remark)
+    more = {"title": case.title, "data": str(data_path), "ranks": comm.size}
+    summary = write_crimp(comm, directory, found, more, case.output.pictures)
     log.info("results in    %s, the law for a case file in law.toml", directory)
     return summary
 

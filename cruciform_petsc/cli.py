@@ -69,6 +69,8 @@ _WITH_VALUE = {
     "--weights": ("W,W,...", "of the curves, the first one's first: 1,0.5"),
     "--hold-out": ("CASE", "a specimen of the same cloth, whose curve the law found shall predict"),
     "--hold-out-data": ("FILE", "the measured curve of that specimen"),
+    "--angle": ("ANGLE", "from pull to warp of the third strip, by default 45deg"),
+    "--poisson": ("NU", "Poisson's ratio of a pull along the warp, by default 0"),
 }
 _REPEATED = ("--set", "--vary", "--columns", "--also", "--also-data")
 _OF_CALIBRATION = (
@@ -315,7 +317,7 @@ def _sweep(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
 
 
 def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
-    """Find the shear law of a case's fabric from a measured load curve.
+    """Find the shear law of a case's fabric from a load curve, or its crimp from biaxial data.
 
     Example: cruciform-petsc calibrate demos/calibrate_glass_pp.toml --data demos/glass_pp_bias.csv
     """
@@ -360,6 +362,26 @@ def _compare(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     folder = "comparison" if args.output is None else args.output
     paths = [args.a, args.b, *args.more]
     compare_command(comm, paths, folder, args.log, args.columns, args.by)
+
+
+def _kilby(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
+    """Moduli at every angle, and the shear modulus, from those of three strips.
+
+    Each strip is a modulus, or the folder of an off-axis-tension test with free ends. Files are
+    written with --output only.
+
+    Example: cruciform-petsc kilby "520 N/cm" "520 N/cm" "3.8 N/cm" --output results/kilby
+    """
+    from .moduli import kilby_command
+
+    kilby_command(
+        comm,
+        (args.warp, args.weft, args.between),
+        args.log,
+        angle=args.angle,
+        poisson=args.poisson,
+        directory=args.output,
+    )
 
 
 def _new(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
@@ -676,6 +698,16 @@ def _parser() -> _Parser:
     command(_sweep, case, options=("--vary", "--set", "--output", "--jobs", "--ranks"))
     command(_resume, folder, options=("--set", "--output", "--from-step"))
     command(_compare, a, b, more, options=("--by", "--columns", "--output"))
+    strips = ("along the warp", "along the weft", "at an angle to both")
+    each = zip(("WARP", "WEFT", "BETWEEN"), strips, strict=True)
+    command(
+        _kilby,
+        *(
+            (name, f'modulus of a strip {how}, "520 N/cm", or a folder of results')
+            for name, how in each
+        ),
+        options=("--angle", "--poisson", "--output"),
+    )
     command(_new, kind, ("[FILE]", "must not be there yet"))
     command(_fabrics, ("[NAME]", "one of them"))
     command(_schema, ("[WHAT]", "case (the default) or summary"))

@@ -263,6 +263,12 @@ class Potential:
         """Where a table has its points, from zero on, (n,); of formulas none."""
         return self.packed[2 : 3 + int(self.data[1])] if self.data[0] == TABLE else np.empty(0)
 
+    def times(self, factor: float) -> Potential:
+        """The law of so many times the force."""
+        data = np.array(self.data)
+        data[{LINEAR: 1, TABLE: 2 + len(self.knots)}.get(self.data[0], 2) :] *= factor
+        return Potential(tuple(float(value) for value in data))
+
     @property
     def last_point(self) -> float:
         """Where a table ends and the law goes on straight; infinite for formulas."""

@@ -20,6 +20,7 @@ from .units import format_si
 UNITS = {
     "_N_per_cm": ("N/cm", 1e2),
     "_N_per_mm": ("N/mm", 1e3),
+    "_Pa_per_mm": ("Pa/mm", 1e3),
     "_mm": ("mm", 1e-3),
     "_deg": ("°", pi / 180.0),
     "_percent": ("%", 0.01),
@@ -115,6 +116,7 @@ declare("shear_99_deg", "shear, 99 % of the area (absolute)", "shear angle of 99
 declare("shear_middle_deg", "shear, middle zone (median)", "shear angle of the middle zone")
 declare("shear_side_deg", "shear, side zones (median)", "shear angle of the side zones")
 declare("shear_clamp_deg", "shear, at the clamps (median)", "shear angle at the clamps")
+declare("slip_max_mm", "slip at a crossover, largest", "largest slip at a crossover")
 declare("height_max_mm", "height out of the plane, largest", "largest height out of the plane")
 
 

@@ -112,7 +112,7 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
     path = case.output.measured
     if path is None:
         return None
-    if kind == "biaxial":
+    if kind.startswith("biaxial"):
         raise InputError(
             "output.measured is a force over a displacement, which a biaxial test does not have, "
             "leave it out"
@@ -287,6 +287,8 @@ class _Run:
             paraview.write_state(directory / "network.vtkhdf", result, notes)
             if max(len(result.states), len(result.increments)) > 1:
                 paraview.write_series(directory / "series.vtkhdf", result, notes)
+            if result.buckling is not None and result.buckling.modes:
+                paraview.write_modes(directory / "mode.vtkhdf", result, notes)
         if output.exports:
             export(result, directory)
         if self.measured is not None:
@@ -390,6 +392,9 @@ class _Run:
                 drawn = figures.draw_all(
                     directory, result, without, membranes, self.summary, self.measured
                 )
+        if output.animation:
+            with self.stages.stage("animation", "animation drawn"):
+                figures.draw_animation(result, directory / "animation.gif", self.case.title)
         if output.scene:
             with self.stages.stage("scene", "yarns drawn in space"):
                 try:

@@ -10,7 +10,7 @@ they are worked out, for compiled kernels and for `BiaxialLaw` alike.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -201,6 +201,8 @@ class BiaxialLaw:
     """An energy per area w(e_w, e_e), N/m, with w = w_w = w_e = 0 at rest."""
 
     data: tuple[float, ...]  # see evaluate_tension
+    points: np.ndarray | None = field(default=None, compare=False, repr=False)
+    """Measured strains and tensions [N/m] that it was found from, (n, 4); for pictures."""
 
     @property
     def name(self) -> str:

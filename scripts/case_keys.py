@@ -20,8 +20,8 @@ from pydantic.fields import FieldInfo
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
 from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
-from cruciform_petsc.experiments.registry import DEFAULT, KINDS, kind_class
-from cruciform_petsc.experiments.table import ImperfectionTable, TestTable
+from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
+from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import fishnet_table as fishnet
 from cruciform_petsc.forming import table as forming
@@ -95,14 +95,21 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),
-    ("`[test]`, every kind but forming and fishnet", TestTable),
+    ("`[test]`, every kind but forming, drape, inflation, fishnet", TestTable),
     ("`test.imperfection`", ImperfectionTable),
+    ("`test.stability`", StabilityTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
+    *(
+        (f'`[test]`, `kind = "{kind}"`', kind_class(kind).table)
+        for kind in KINDS
+        if forms(kind) and kind != "forming"
+    ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
     ("`test.fishnet` of forming", fishnet.StartTable),
     ('`[test]`, `kind = "fishnet"`', fishnet.FishnetTable),
     ("`least_energy` of a fishnet", fishnet.LeastEnergyTable),
+    ("`test.stability` of forming", forming.SoftestTable),
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),

@@ -35,7 +35,7 @@ ORDER = [
     {"case"},
     {"output"},
     {"estimate"},
-    {"compare", "calibrate", "sweep"},
+    {"compare", "calibrate", "moduli", "sweep"},
     {"run"},
     {"cli"},
     {"__main__"},

@@ -26,20 +26,30 @@ SMALL = {
 }
 FINITE = {
     "biaxial": ("force_warp_n", 800.0),
+    "biaxial_cross": ("force_warp_n", 99.982),
+    "biaxial_surface": ("force_warp_n", 796.309404),
     "cantilever": ("tip_across_mm", 28.919694),
     "finite_bias_extension": ("load_n", 8.568834),
+    "frame_under_tension": ("load_n", 6.832723),
     "off_axis": ("load_n", 2.433820),
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
     "picture_frame_cycle": ("load_n", 9.209219),
     "prepreg_frame": ("load_n", 10.534952),
+    "pull_out": ("load_n", 0.15852950),
     "sin_potential": ("load_n", 11.20169),
 }
+BIAXIAL = {"biaxial", "biaxial_cross", "biaxial_surface"}
 FORMING = {
-    "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "three_corners",
-    "fishnet",
+    "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
+    "fishnet", "three_corners",
 }  # fmt: skip
-ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
+# Load at which it becomes unstable, N, on the way and linearised; and the closed form's.
+BUCKLING = {
+    "strut_buckling": (-0.0788, -0.07881, -4 * np.pi**2 * 1e-3 / 0.1**2 * 0.02),
+    "sheared_panel": (0.6626, 0.6788, 95.823 * 1e-3 / 0.2**2 * 0.2 * np.sqrt(2)),
+}
+ELSEWHERE = {"calibrate_glass_pp", "calibrate_crimp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too
 KEYS = {
     "title", "ranks", "crossovers", "dofs", "extension_m", "shear_centre_deg",
@@ -66,8 +76,8 @@ def on_one_and_two(demo, tmp_path):
     both = run(demo, 2, tmp_path / "2", *bare)
     assert set(alone) >= KEYS
     assert (alone["ranks"], both["ranks"]) == (1, 2)
-    assert set(alone["energy_j"]) == {"tension", "shear", "bending"}
-    force = "force_warp_n" if demo == "biaxial" else "load_n"
+    assert set(alone["energy_j"]) - {"slip"} == {"tension", "shear", "bending"}
+    force = "force_warp_n" if demo in BIAXIAL else "load_n"
     for key in (force, "extension_m", "shear_centre_deg", "shear_max_deg"):
         # LSQR of the separate systems stops at 1e-10 of the normal residual, times its condition.
         rel = 1e-5 if alone["model"] == "separate" else 1e-8
@@ -89,9 +99,9 @@ def last(values):
 
 
 def test_every_demo_is_listed():
-    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(
-        FINITE
-    ) | FORMING | ELSEWHERE
+    assert {path.stem for path in DEMOS.glob("*.toml")} == set(SMALL) | set(FINITE) | FORMING | set(
+        BUCKLING
+    ) | ELSEWHERE
 
 
 @pytest.mark.parametrize("demo", sorted(SMALL))
@@ -125,7 +135,7 @@ def test_finite(demo, tmp_path):
     key, value = FINITE[demo]
     assert alone[key][-1] == pytest.approx(value, rel=1e-5)
     assert {"snes", "ksp", "pc", "newton_iterations"} <= set(alone["solver"])
-    force = "force_warp_n" if demo == "biaxial" else "load_n"
+    force = "force_warp_n" if demo in BIAXIAL else "load_n"
     asked = [step[force] for step in alone["increments"] if step["asked"]]
     assert asked == pytest.approx(alone[force], rel=1e-12)
     assert all(step["residual_n"] <= step["tolerance_n"] for step in alone["increments"])
@@ -135,14 +145,35 @@ def test_finite(demo, tmp_path):
             bending_rigidity(p, "100 mm", 1e-3 * w) / 7 for p, w in zip(loads, tips, strict=True)
         ]
         assert read == pytest.approx(len(read) * [0.6e-6], rel=3e-3)
+    if demo == "biaxial_surface":
+        assert "tension_surface.png" in {path.name for path in (tmp_path / "1").glob("*.png")}
     if demo == "sin_potential":  # 561 crossovers: of first order in the pitch
         assert alone["continuum"]["load_ratio"] == pytest.approx([1.0] * 5, abs=0.05)
     pictures = {path.name for path in (tmp_path / "1").glob("*.png")}
     assert {"yarns.png", "energy.png"} < pictures
     assert len([name for name in pictures if "_against_" in name]) == 1
-    assert ("stages.png" in pictures) == (demo != "biaxial")
+    assert ("stages.png" in pictures) == (demo not in BIAXIAL)
     for name in ("series.vtkhdf", "curve.csv"):
         assert (tmp_path / "2" / name).stat().st_size > 40
+
+
+@pytest.mark.parametrize("demo", sorted(BUCKLING))
+def test_buckling(demo, tmp_path):
+    """Critical loads near the closed form's; the cloth goes on along its branch."""
+    bare = ("--set", "output.pictures=false")
+    alone, both = (run(demo, r, tmp_path / f"{r}", *bare * (r - 1)) for r in (1, 2))
+    passed, linear, closed = BUCKLING[demo]
+    for summary in (alone, both):
+        found = summary["stability"]
+        assert [state["load_n"] for state in found["critical"]] == pytest.approx([passed], rel=2e-4)
+        assert found["linear"][0]["load_n"] == pytest.approx(linear, rel=2e-4)
+        assert found["linear"][0]["load_n"] == pytest.approx(closed, rel=5e-3)
+    assert both["height_max_mm"] == pytest.approx(alone["height_max_mm"], rel=1e-5)
+    if demo == "strut_buckling":  # h = 2/pi sqrt(L d), d the shortening beyond the critical one
+        height = 2 / np.pi * np.sqrt(100 * (1 - 0.0076))
+        assert alone["height_max_mm"][-1] == pytest.approx(height, rel=5e-3)
+    for name in ("mode.png", "lowest_stiffness.png", "mode.vtkhdf", "report.html"):
+        assert (tmp_path / "1" / name).stat().st_size > 2000
 
 
 def test_hemisphere(tmp_path):
@@ -223,14 +254,33 @@ def test_double_dome_at_45_degrees(tmp_path):
 
 
 def test_drape(tmp_path):
-    """The disc carries the cloth's weight; its rim hangs, so that it covers less than flat."""
+    """Discs carry the cloth's weight; its rim hangs in folds, about as measured: 82.9 %."""
     summary = form("drape", 1, tmp_path, "preform.yarns_per_cruciform=6")
-    weight = 0.15 * 9.80665 * np.pi * 0.15**2
-    assert summary["tool_force_n"]["disc"][2] == pytest.approx(weight, rel=2e-3)
+    weight = 0.1238 * 9.80665 * np.pi * 0.15**2
+    up = sum(force[2] for force in summary["tool_force_n"].values())
+    assert up == pytest.approx(weight, rel=2e-3)
+    told = summary["drape"]
+    # 74.6 % at a pitch of 30 mm, 81.5 % at the demo's 20 mm, 83.1 % at 15 mm
+    assert told["coefficient_percent"] == pytest.approx(74.6, abs=2.0)
+    assert told["folds"] >= 2
+    # Of the outline in plan a little less: here and there cloth bulges out over its rim.
     table = np.genfromtxt(tmp_path / "outline.csv", delimiter=",", names=True)
     area = shapely.Polygon(np.column_stack([table["x_mm"], table["y_mm"]])).buffer(0).area
+    flat = np.column_stack([table["x_rest_mm"], table["y_rest_mm"]])
     disc = np.pi * 90.0**2
-    assert 0.1 < (area - disc) / (np.pi * 150.0**2 - disc) < 0.6
+    share = (area - disc) / (shapely.Polygon(flat).area - disc)
+    assert told["coefficient_percent"] == pytest.approx(100 * share, abs=3.0)
+
+
+def test_sail(tmp_path):
+    """Edges carry what the wind pushes; the form of force densities is where it began."""
+    summary = form("sail", 1, tmp_path, "preform.yarns_per_cruciform=2")
+    up = sum(clamp["force_n"][2] for clamp in summary["clamps"].values())
+    assert up == pytest.approx(-500 * 4.0, rel=1e-3)
+    told = summary["inflation"]
+    assert told["force_densities"]["rise_mm"] == pytest.approx(600.0, rel=1e-3)
+    assert told["volume_m3"][0] == pytest.approx(0.3 * 4.0, rel=5e-3)  # of the saddle, on its way
+    assert told["volume_m3"][0] < told["volume_m3"][1] < told["volume_m3"][2]
 
 
 def test_fishnet(tmp_path):

@@ -167,6 +167,7 @@ OF_FORMING = {"forming.md", "tools.md", "fishnet.md"}
 TABLES = {
     "shape": lambda keys: {"tool": [{"name": "die", **keys}]},
     "tension": lambda keys: {"fabric": keys},
+    "shear_viscosity": lambda keys: {"fabric": keys},
 }
 
 

@@ -206,6 +206,17 @@ def test_effective_strain_derivatives(compression, log_strain):
     )
 
 
+@pytest.mark.parametrize(
+    "law",
+    [linear(3.0), odd_polynomial([2.0, 1.0]), sin_powers([2.0, 1.0]), table([0.1, 0.3], [1, 5])],
+)
+def test_a_multiple_of_a_law(law):
+    """Energy, force and stiffness; a table's points stay where they are."""
+    x = np.linspace(-0.5, 0.5, 11)
+    np.testing.assert_allclose(law.times(2.5).evaluate(x), 2.5 * np.array(law.evaluate(x)))
+    assert (law.times(2.5).knots == law.knots).all()
+
+
 def test_logarithmic_strain():
     """The logarithm of the stretch, exactly, where nothing softens."""
     stretch = np.array([0.5, 1.0, 2.0])

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""Inverse identification of the shear law from a measured load curve; see calibrate.py."""
+"""From measurements to a cloth: shear law, bending, moduli of strips; see calibrate.py."""
 
 from .bending import bending_rigidity, bending_rigidity_peirce
 from .curve import MeasuredCurve, read_curve
 from .identify import calibrate, calibrate_together, predict
+from .kilby import Kilby
 from .result import Calibration, Prediction
 from .specimen import Specimen
 
 __all__ = [
     "Calibration",
+    "Kilby",
     "MeasuredCurve",
     "Prediction",
     "Specimen",

@@ -22,13 +22,14 @@ from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import every_table, kind_class, pick_table
+from ..experiments.registry import every_table, in_space, kind_class, pick_table
 from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.draping import Draping
 from ..forming.fishnet_table import FishnetTable
 from ..forming.kind import Forming
 from ..forming.table import (
+    ArrangedTable,
     ClampTable,
     FormingTable,
     StageTable,
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
 # A key as `--set` has it: tables' names, and numbers of those in a list, from zero as in sentences.
 _PART = r"[\w-]+(?:\[\d{1,4}\])*"
 KEY = rf"\s*{_PART}\s*(?:\.\s*{_PART}\s*)*"
-IN_SPACE = ("forming", "fishnet")  # kinds that lay cloth on tools
 _KEYS = re.compile(r"([\w-]+)|\[(\d+)\]")
 
 
@@ -97,7 +97,8 @@ class OutputTable(Table):
     scene: bool = False
     """scene.png, the woven yarns in space, drawn with PyVista."""
     animation: bool = False
-    """Of a forming: animation.gif, the blank among its tools at all results."""
+    """Write animation.gif: of a forming the blank among its tools at all results, of a finite test
+    the yarns as it goes on."""
     paraview: bool = True
     """network.vtkhdf for ParaView."""
     exports: bool = False
@@ -162,9 +163,21 @@ class Case(Table):
     def _ladder_asks_for_small(cls, data: Any) -> Any:
         match data:
             case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
-                if not others.get("second_gradient") and test.get("kind") not in IN_SPACE:
+                if not others.get("second_gradient") and not in_space(test.get("kind")):
                     return data | {"test": small_unless_told(test)}
         return data
+
+    @model_validator(mode="after")
+    def _arranged(self) -> Case:
+        """Tools, clamps and stages of a kind that has its own."""
+        if not isinstance(self.test, ArrangedTable):
+            return self
+        for key, told in (("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)):
+            if told:
+                raise ValueError(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
+        tools, clamps, stages = self.test.arranged()
+        vars(self).update(tools=tools, clamps=clamps, stages=stages)
+        return self
 
     @classmethod
     def load(cls, path: str | Path, overrides: Sequence[str] = ()) -> Case:
@@ -247,6 +260,8 @@ class Case(Table):
         given = {key: value for key, value in self.test if key != "kind"}
         if isinstance(self.test, FishnetTable):
             return Draping(network, self.tools, **given, options=self.solver.options)
+        if isinstance(self.test, ArrangedTable):
+            return kind_class(self.test.kind)(network, **given, options=self.solver.options)
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
@@ -266,7 +281,8 @@ class Case(Table):
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """Return the case as plain data as JSON can hold it."""
         dump = super().model_dump(**{"mode": "json"} | options)
-        return {key: value for key, value in dump.items() if value != []}  # tools and stages
+        own = ("tool", "clamp", "stage") if isinstance(self.test, ArrangedTable) else ()
+        return {key: value for key, value in dump.items() if value != [] and key not in own}
 
     @classmethod
     def paths(cls) -> list[str]:
@@ -318,6 +334,7 @@ class Case(Table):
             ("output.scene", (forming or fishnet) and self.output.scene),
             ("output.measured", (forming or fishnet) and self.output.measured is not None),
             ("continuum.ladder", fishnet and self.continuum.ladder),
+            ("output.animation", fishnet and self.output.animation),
         ):
             if on and (forming or fishnet):
                 problems.append(f"{key} is not for {self.test.kind}, leave it out")
@@ -329,8 +346,8 @@ class Case(Table):
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
                 f"got {self.preform_table.yarns_per_cruciform}"
             )
-        if self.output.animation and not forming:
-            problems.append("output.animation is for a forming, leave it out")
+        if self.output.animation and not self.test.finite:
+            problems.append("output.animation needs test.finite = true")
         part = self.output.part
         if part is not None:
             if not (forming or fishnet):

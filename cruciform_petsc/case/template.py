@@ -9,7 +9,7 @@ from inspect import cleandoc
 from pathlib import Path
 
 from ..errors import InputError
-from ..experiments.registry import kind_class
+from ..experiments.registry import forms, kind_class
 
 _COMMENT_AT = 36  # column of comments behind short values
 
@@ -27,6 +27,11 @@ def new_case(kind: str, name: str = "") -> str:
     own = folder / f"{kind}.toml"
     if own.is_file():  # a kind with tables of its own
         text = own.read_text(encoding="utf-8")
+    elif forms(kind):  # one whose tools and stages follow from its keys
+        text = (folder / "forming.toml").read_text(encoding="utf-8")
+        text = text[: text.index("\n# Tools")] + text[text.index("\n[solver]") :]
+        text = f"# {(table.__doc__ or '').splitlines()[0]}\n" + text.partition("\n")[2]
+        text = text.replace('kind = "forming"', f'kind = "{kind}"\n{cleandoc(values["test"])}', 1)
     else:
         values["kind"] = f'"{kind}"'
         text = (folder / "template.toml").read_text(encoding="utf-8")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import numpy as np
@@ -164,6 +165,14 @@ class SurfaceTable(Table):
             "elastic cloth can follow: were they measured while loading, and are the columns in "
             "order?"
         )
+
+
+def points_of_file(path: str | Path, warp_yarns: float, weft_yarns: float) -> np.ndarray:
+    """Points (n, 4) of a CSV file in SI, of a cloth of so many yarns per length [1/m]."""
+    units, rows = read_surface(str(path))
+    of_yarns = zip(units[2:], (warp_yarns, weft_yarns), strict=True)
+    count = [yarns if unit.unit == "N" else 1.0 for unit, yarns in of_yarns]
+    return rows * [unit.si for unit in units] * [1.0, 1.0, *count]
 
 
 def read_surface(path: str) -> tuple[tuple[Quantity, ...], np.ndarray]:

@@ -57,6 +57,7 @@ _SHEAR_LAWS = {
 }
 # Laws in place of rigidities and moduli.
 _INSTEAD = {"modulus": "tension", "out_of_plane_bending": "out_of_plane_moment"}
+MOST_STRETCHED = 0.2  # by a pretension
 # What not every test needs, with its SI unit.
 _PLY_DATA = {"areal_density": "kg/m**2", "thickness": "m", "fibre_density": "kg/m**3"}
 
@@ -135,6 +136,8 @@ class Fabric(Shown):
     """Of the cloth at rest [m]; for contact, exports and pictures in space."""
     fibre_density: float | None = None
     """Mass per volume of what the yarns consist of [kg/m^3]; for exports."""
+    out_of_plane_twisting: float = 0.0
+    """How hard it twists, over a sheet that bends alike in all directions, see items.twist."""
     weave: str = "plain"
     """Or "twill 2/2", "satin 5" (`Weave.named`); for pictures of yarns in space."""
 
@@ -220,8 +223,8 @@ class Fabric(Shown):
         """Return a published fabric; `fabric_names` lists them.
 
         ``changes`` replace the library's ``shear``, ``shear_viscosity``, ``shear_friction`` and
-        ``tension`` as a whole, ``out_of_plane_bending``, ``areal_density``, ``thickness``,
-        ``fibre_density``; as for `from_table`.
+        ``tension`` as a whole, ``out_of_plane_bending``, ``out_of_plane_twisting``,
+        ``areal_density``, ``thickness``, ``fibre_density``; as for `from_table`.
 
         Examples
         --------
@@ -342,6 +345,36 @@ class Fabric(Shown):
                 )
             laws.append(law)
         return laws[0], laws[1]
+
+    def tensions(self, stretch: Any) -> np.ndarray:
+        """Tension of both families over the width as it is, N/m, at their stretches; (2,).
+
+        Of cloth that is stretched along both yarns and not sheared.
+        """
+        stretch = np.asarray(stretch, float)
+        return self.tension(stretch)[1] / stretch[::-1]
+
+    def prestretch(self, warp: float, weft: float) -> tuple[float, float]:
+        """Stretches at which both families have tensions over the width as it is then, N/m.
+
+        InputError where there are none up to MOST_STRETCHED, or yarns would be compressed.
+        """
+        from scipy.optimize import root
+
+        wanted = np.array([warp, weft])
+        if not wanted.any():
+            return 1.0, 1.0
+        size = wanted.max()
+        start = 1.0 + np.clip(wanted / [self.warp.modulus, self.weft.modulus], 0.0, 0.1)
+        found = root(lambda stretch: (self.tensions(stretch) - wanted) / size, start, tol=1e-12)
+        left = abs(self.tensions(found.x) - wanted).max() / size
+        if not (left < 1e-9 and (abs(found.x - 1.0) < MOST_STRETCHED).all()):
+            raise InputError(
+                f"a pretension of {format_si(warp, 'N/m')} of the warp and "
+                f"{format_si(weft, 'N/m')} of the weft stretches the cloth by more than "
+                f"{100.0 * MOST_STRETCHED:g} %, which unit is meant?"
+            )
+        return float(found.x[0]), float(found.x[1])
 
     def effective_strain(self, stretch: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Strain e as a law of tension takes it, de/dstretch, d2e/dstretch2: as `stretch`."""
@@ -772,6 +805,10 @@ class FabricTable(Table):
     """Of the cloth at rest. For contact, exports and scene.png."""
     fibre_density: Annotated[Quantity, Of("kg/m**3")] | None = None
     """Of what the yarns consist of. For exports."""
+    out_of_plane_twisting: Annotated[Number, Field(ge=0.0, le=10.0)] | None = None
+    """How hard the cloth twists out of its plane: 1 like a sheet that bends alike in all
+    directions; 0, the default, freely, which bends half as hard at 45 degrees to its yarns as along
+    them (docs/laws.md). Example: `1.0`"""
     weave: Annotated[str, AfterValidator(_woven)] | None = None
     """How the yarns cross, for scene.png. The default is plain, or the library's. "plain", "twill
     2/2" (warps over 2 wefts and under 2), "satin 5" (5 harnesses). Example: `"twill 2/2"`"""
@@ -792,7 +829,8 @@ class FabricTable(Table):
             raise ValueError(
                 f"needs either use or warp, weft and shear, not use and {' and '.join(given)} "
                 "(beside use only shear, shear_viscosity, shear_friction, tension, "
-                "out_of_plane_bending, areal_density, thickness, fibre_density and weave may stand)"
+                "out_of_plane_bending, areal_density, thickness, fibre_density, "
+                "out_of_plane_twisting and weave may stand)"
             )
         if self.use is not None and self.from_datasheet is not None:
             raise ValueError("needs either use or from_datasheet, not both")
@@ -819,10 +857,12 @@ class FabricTable(Table):
     def _filled_in(self) -> list[str]:
         if self.use is not None:
             given = self._given("use")
-            entry = _published(self.use)
+            entry, replaced = _published(self.use), {*given}
+            if self.tension is not None and self.tension.biaxial is not None:
+                replaced |= {"modulus", "poisson"}
             return [
                 *(f"{key}: assumed, {why}" for key, why in entry.assumed.items()
-                  if key.split(" ")[0].rpartition(".")[2] not in given),
+                  if key.split(" ")[0].rpartition(".")[2] not in replaced),
                 *entry.model_copy(update=given)._filled_in(),
             ]  # fmt: skip
         if self.from_datasheet is not None:
@@ -935,6 +975,7 @@ class FabricTable(Table):
             shear_viscosity=None if self.shear_viscosity is None else self.shear_viscosity.build(),
             shear_friction=None if self.shear_friction is None else self.shear_friction.build(),
             **{key: given[key].si for key in _PLY_DATA if key in given},
+            out_of_plane_twisting=self.out_of_plane_twisting or 0.0,
             weave=self.weave or "plain",
         )
         if tension.biaxial is None:

@@ -429,6 +429,11 @@ class OutlineTable(Table):
     slot: Sides | None = None
     """Width and length of a rectangle whose shorter sides are half circles, the edges arc-1 and
     arc-2. Example: `["40 mm", "120 mm"]`"""
+    cross: Sides | None = None
+    """Length from tip to tip, both ways, and width of the arms. Example: `["300 mm", "100 mm"]`"""
+    arm_slits: Annotated[int, Field(ge=1, le=200)] | None = None
+    """Of a cross: cuts along each arm, evenly, from its tip to where arms meet, so that the arms
+    hardly take part in what crosses them. Yarns on a cut are cut away. Example: `4`"""
     polygon: Ring | None = None
     """Corners in order, in place of a rectangle. The body is pulled along y.
     Example: `[["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]`"""
@@ -462,6 +467,13 @@ class OutlineTable(Table):
                     f".corner_radius must be at most half the width and half the length, "
                     f'{format_si(most, "m")}, got "{self.corner_radius}"'
                 )
+        if self.arm_slits is not None and self.cross is None:
+            raise ValueError(".arm_slits is of a cross")
+        if self.cross is not None and self.cross[1].si >= self.cross[0].si:
+            raise ValueError(
+                f'.cross: arms must be narrower than the cross is long, "{self.cross[0]}", got '
+                f'"{self.cross[1]}"'
+            )
         if self.file is None:
             if self.unit is not None:
                 raise ValueError(".unit is of a file's numbers, quantities have their own")
@@ -490,6 +502,8 @@ class OutlineTable(Table):
             ring = np.array(_places([self.polygon])[0])
         elif self.slot is not None:
             ring, edges = _slot(*si_values(self.slot))
+        elif self.cross is not None:
+            ring = _cross(*si_values(self.cross))
         elif self.rectangle is not None:
             width, length = si_values(self.rectangle)
             if self.corner_radius is None:
@@ -502,14 +516,39 @@ class OutlineTable(Table):
             round_ = [self.circle, self.circle] if self.ellipse is None else self.ellipse
             ring = rings.ellipse(*(size.si for size in round_ if size is not None))
             edges = {"rim": np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)}
-        whole, cuts = shapely.Polygon(ring, holes), (_places(self.slits), _places(self.darts))
+        slits = _places(self.slits)
+        if self.cross is not None and self.arm_slits is not None:
+            length, width = si_values(self.cross)
+            slits += _arm_slits(length, width, self.arm_slits)
+        whole, cuts = shapely.Polygon(ring, holes), (slits, _places(self.darts))
         if not any(cuts):
             return whole, edges
         cut = _cut_out(whole, *cuts)
         return cut, _left_of(edges, cut)
 
 
-SHAPES = ("rectangle", "circle", "ellipse", "slot", "polygon", "file")
+SHAPES = ("rectangle", "circle", "ellipse", "slot", "cross", "polygon", "file")
+
+
+def _cross(length: float, width: float) -> np.ndarray:
+    """Corners (12, 2) of a cross with equal arms, x about 0, y from 0, anticlockwise."""
+    tip, side = 0.5 * length, 0.5 * width
+    arm = np.array([[side, -side], [tip, -side], [tip, side]])  # to the right; the others by turns
+    turns = [np.array([[c, -s], [s, c]]) for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+    ring = np.concatenate([arm @ turn.T for turn in turns])
+    return ring + np.array([0.0, tip])
+
+
+def _arm_slits(length: float, width: float, count: int) -> list[list[list[float]]]:
+    """Cuts along a cross's arms, from beyond their tips to where they meet."""
+    tip, side = 0.5 * length, 0.5 * width
+    slits = []
+    for k in range(1, count + 1):
+        at = -side + width * k / (count + 1)
+        for sign in (-1.0, 1.0):
+            slits.append([[sign * 1.1 * tip, at + tip], [sign * side, at + tip]])
+            slits.append([[at, tip + sign * 1.1 * tip], [at, tip + sign * side]])
+    return slits
 
 
 def _slot(width: float, length: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:

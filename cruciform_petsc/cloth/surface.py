@@ -21,7 +21,7 @@ place and its softest direction, with directions added until none is too soft.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,7 +136,7 @@ def fit_surface(points: np.ndarray) -> Surface:
     patch = (parts[0][:, None] * len(splines[1]) + parts[1]).ravel()
     law = _law(splines, unit * _convex(matrix, free, second, patch), low, span)
     fitted = law.evaluate(strain[:, 0], strain[:, 1])[1]
-    return Surface(law, points, fitted, off, _unmeasured(at))
+    return Surface(replace(law, points=points), points, fitted, off, _unmeasured(at))
 
 
 def check_points(points: np.ndarray) -> None:

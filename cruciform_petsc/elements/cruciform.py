@@ -58,8 +58,8 @@ class Cloth:
     compression_width : float
         Strain over which it changes.
     biaxial : float array
-        A law of both tensions, BiaxialLaw.packed, in place of warp, weft and c12, which are zero
-        then; empty for none.
+        A law of both tensions, BiaxialLaw.packed, beside which warp and weft are zero and c12 is
+        not looked at; empty for none.
     """
 
     warp: np.ndarray

@@ -19,7 +19,7 @@ from .state import Hold
 def model_of(ply: Ply) -> Model:
     """The model of a single ply. Collective."""
     fabric = ply.network.fabric
-    multigrid = partial(_hierarchy, ply) if ply.dim == 2 else None
+    multigrid = partial(_hierarchy, ply) if ply.dim == 2 and ply.slip is None else None
     return Model(ply.nodes, ply.items, ply.active, fabric.c11 + fabric.c22, multigrid)
 
 

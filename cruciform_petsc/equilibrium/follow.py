@@ -94,6 +94,26 @@ def follow(
     """
     path = start if isinstance(start, Path) else Path([start], begin=start.time)
     done: list[Step] = []
+    cuts = 0
+
+    def take(solved: list[Found], reached: bool) -> State:
+        """Accept the last of several solutions; returns its state."""
+        # The step keeps what its equilibrium was found with; the next one begins with the rest.
+        last = solved[-1].state
+        last = replace(last, memory=equilibrium.model.accepted(last))
+        # What friction and viscosity have dissipated by now is none of the energy stored.
+        if any(last.memory.values()):
+            solved[-1] = replace(solved[-1], energies=equilibrium.model.energies(last))
+        path.append(last)
+        if reached:
+            path.target += 1
+            path.allowed = None if stage.carry_on else path.allowed
+        step = Step.of(solved, stage.measure(solved[-1]), reached, cuts)
+        done.append(step)
+        if accepted is not None:
+            accepted(step, path)
+        return last
+
     while path.target < len(stage.targets):
         aim = (_Load if stage.by_load else _Place)(equilibrium, stage, path)
         solved: list[Found] = []
@@ -106,32 +126,24 @@ def follow(
                 if not stage.carry_on:
                     guess = foreseen(equilibrium, last, guess)
                 found = settle(equilibrium, guess)
+                *passed, found = stage.watch(path.state, found) if stage.watch else [found]
             except EquilibriumError:
                 cuts += 1
                 path.allowed = 0.5 * change
                 if path.allowed <= aim.most * 0.5**MOST_CUTS:
                     raise
                 continue
+            for critical in passed:  # what comes after is no continuation of what came before
+                path.states = []
+                take([critical], False)
+                cuts = 0
             if path.allowed is not None and found.iterations <= stage.easy:
                 path.allowed = min(aim.most, 2.0 * path.allowed)
             solved.append(found)
             last = found.state
             if not aim.accepts(found):
                 continue
-            # The step keeps what its equilibrium was found with; the next one begins with the rest.
-            last = replace(last, memory=equilibrium.model.accepted(last))
-            # What friction and viscosity have dissipated by now is none of the energy stored.
-            if any(last.memory.values()):
-                found = replace(found, energies=equilibrium.model.energies(last))
-                solved[-1] = found
-            path.append(last)
-            if aim.reached:
-                path.target += 1
-                path.allowed = None if stage.carry_on else path.allowed
-            step = Step.of(solved, stage.measure(found), aim.reached, cuts)
-            done.append(step)
-            if accepted is not None:
-                accepted(step, path)
+            last = take(solved, aim.reached)
             if aim.reached:
                 break
             solved, cuts = [], 0

@@ -60,6 +60,9 @@ class Stage:
         contacts switch, and keep to cut steps until they are easy again.
     easy : int
         Newton steps after which a step that was cut may grow again.
+    watch : callable, optional
+        (state accepted before, Found) -> list of Found to be accepted in place of the one found,
+        the last one with its control: critical states that were passed come before it.
     """
 
     name: str
@@ -74,6 +77,7 @@ class Stage:
     measure: Callable[[Found], Measured] = lambda found: Measured()
     carry_on: bool = True
     easy: int = 8
+    watch: Callable[[State, Found], list[Found]] | None = None
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,9 @@ from petsc4py import PETSc
 from ..solvers.callbacks import callback
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Hierarchy
-from ..solvers.options import DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
+from ..solvers.options import COUNTING, DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
 from .model import Model
 
-# Cholesky of an indefinite matrix: LDL^T, whose negative pivots tell.
-DIRECT = {
-    "ksp_type": "preonly",
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
-    "mat_mumps_icntl_14": 100,  # small systems on several ranks need more room than is foreseen
-}
 STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
 
 
@@ -37,7 +29,7 @@ def tangent_settings(
     kind = PETSc.Options(prefix).getString("pc_type", default)
     settings: dict[str, object] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
     if kind in ("cholesky", "lu"):
-        return {**settings, **DIRECT, **options}, None
+        return {**settings, **COUNTING, **options}, None
     if kind == "mg" and model.multigrid is not None:
         settings |= YARN_MULTIGRID | {"ksp_rtol": STEP}
         return {**settings, **options}, TangentMultigrid(model.multigrid, prefix)

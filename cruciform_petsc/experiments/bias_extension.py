@@ -31,15 +31,16 @@ class BiasExtensionTable(PullTable):
             upper = "grip"
             extension = ["10 mm", "20 mm"]  # By which the upper edge is pulled, one value or a list
             # load = "0.5 N"  # Force on the upper edge, one value or a list
-            model = "coupled"  # or "separate": One system, or the paper's three
         """,
     }
 
     kind: Literal["bias-extension"] = "bias-extension"
     upper: Literal["grip", "centre-line"] = "grip"
     """What the upper edge is: a clamp, or the middle of a whole specimen."""
-    model: Literal["coupled", "separate"] = "coupled"
-    """One system, or the paper's three. Separate for small displacements only."""
+    model: Literal["coupled", "truss", "separate"] = "coupled"  # type: ignore[assignment]
+    """Cruciforms, all modes of deformation in one system, or with "separate" the paper's three, for
+    small displacements; or a truss of pin-jointed bars along the yarns with soft diagonals, at
+    finite deformation (docs/models.md)."""
 
     @model_validator(mode="before")
     @classmethod
@@ -66,9 +67,10 @@ class BiasExtension(Experiment):
     upper : "grip" or "centre-line"
         Gripped like the lower edge; or the paper's half specimen, whose upper edge is the middle of
         the whole one: it moves as one along the pull and is free across it.
-    model : "coupled" or "separate"
-        All modes of deformation in one system; or the paper's three, one after the other (see
-        small.separate; small displacements only).
+    model : "coupled", "truss" or "separate"
+        All modes of deformation in one system; a truss in place of the cruciforms (items.truss); or
+        the paper's three systems, one after the other (see small.separate; small displacements
+        only).
     """
 
     table: ClassVar[type[TestTable]] = BiasExtensionTable

@@ -15,7 +15,7 @@ from ..quantities import declare
 from ..units import LIMITS, format_si
 from .experiment import DrawnCurves, Experiment, Grip
 from .result import TestResult
-from .table import TestTable
+from .table import TensionedTable
 
 
 def _leaves_cloth(strain: float) -> bool:
@@ -25,7 +25,7 @@ def _leaves_cloth(strain: float) -> bool:
 Strains = Annotated[Quantities, Of("1", many=True, good=_leaves_cloth, wanted="more than -100 %")]
 
 
-class BiaxialTable(TestTable):
+class BiaxialTable(TensionedTable):
     """A rectangle stretched along both yarns."""
 
     controls: ClassVar = {"strain": "1"}
@@ -37,6 +37,7 @@ class BiaxialTable(TestTable):
         "test": """
             strain = ["0.25 %", "0.5 %"]  # Of the warp, one value or a list
             ratio = 0.5  # Weft strain over warp strain
+            # pretension = "10 N/cm"  # Of both yarns before it, or of each
         """,
     }
 

@@ -27,7 +27,7 @@ from ..units import format_si
 from .finite import Keeper, solve_finite
 from .limits import SMALL_DEG, beyond_small, remarks
 from .result import State, TestResult
-from .table import TestTable
+from .table import TestTable, prestretch
 
 # A picture's name, the labels of its axes (LOAD.axis for newtons), and its lines by label.
 DrawnCurves = tuple[str, tuple[str, str], dict[str, tuple[np.ndarray, np.ndarray]]]
@@ -60,8 +60,9 @@ class Experiment:
         Those of the kind's `table`, as in ``[test]`` of a case file: ``finite`` (False: small
         displacements; by default only where something asks for them), ``bending`` (whether yarns
         resist it in the plane), ``space`` (the cloth may leave the plane, but on clamps and guides)
-        and ``imperfection``, ``increments`` (finite deformation: at least so many steps to the
-        largest value), the controls by name, and the kind's own, which become attributes.
+        and ``imperfection``, ``slip`` (how yarns slide through crossovers), ``increments`` (finite
+        deformation: at least so many steps to the largest value), the controls by name, and the
+        kind's own, which become attributes.
 
     Attributes
     ----------
@@ -69,6 +70,8 @@ class Experiment:
         Values asked for, SI; loads if ``by_load``.
     size, middle : float (2,)
         Of the outline's bounding box, m.
+    prestretch : (float, float)
+        Of warp and weft as the cloth is drawn.
     remarks : list of str
         What of preform, fabric and test is hardly meant; each is also an InputWarning, on rank 0.
     """
@@ -127,6 +130,9 @@ class Experiment:
         self.network, self.options = network, options or {}
         self.size, self.middle = network.preform.size, network.preform.middle
         self.space, self.imperfection = test.space, test.imperfection
+        self.slip = None if test.slip is None else test.slip.build()
+        self.stability, self.model = test.stability, test.model
+        self.prestretch = prestretch(getattr(test, "pretension", None), network.fabric)
         self.finite, self.bending, self.increments = test.finite, test.bending, test.increments
         for key in test.own_keys():
             if key not in test.controls:
@@ -139,7 +145,8 @@ class Experiment:
     @property
     def modes(self) -> tuple[str, ...]:
         """Modes of deformation that have a strain energy."""
-        return (*MODES, "out_of_plane_bending") if self.space else MODES
+        out_of_plane = ("out_of_plane_bending",) if self.space else ()
+        return (*MODES, *out_of_plane, *(("slip",) if self.slip else ()))
 
     # -- what a kind of test says ---------------------------------------------------------------
 
@@ -211,6 +218,7 @@ class Experiment:
         hanging = comm.allreduce(find_supports(constraints).num_hanging)
         ends = zip(counts, grips, strict=True)
         told = [", ".join(f"{count} yarn ends on the {grip.edge} edge" for count, grip in ends)]
+        told = told if grips else []
         if hanging:
             told.append(f"{hanging} crossovers hang on by one arm end and will carry no load")
         return told

@@ -20,10 +20,13 @@ from ..errors import CruciformError, EquilibriumError
 from ..items.cruciforms import Course
 from ..items.loads import imperfection
 from ..items.ply import Ply
+from ..items.truss import TrussPly
 from ..laws import Potential
 from ..net.edges import Constraints
 from . import result
+from .stability import Watch
 
+EASY = 20  # Newton steps, of all rounds of friction together
 LOAD_TOLERANCE = 1e-9  # relative, where a load is prescribed on an edge that moves as one
 
 
@@ -65,7 +68,12 @@ class FiniteTest:
         out_of_plane, waves = None, experiment.imperfection
         if experiment.space:
             out_of_plane = self.network.fabric.out_of_plane("test.space = true")
-        self.ply = Ply(constraints, out_of_plane, experiment.flat)
+        drawn = experiment.flat, experiment.prestretch
+        self.ply: Ply
+        if experiment.model == "truss":
+            self.ply = TrussPly(constraints, out_of_plane, *drawn)
+        else:
+            self.ply = Ply(constraints, out_of_plane, *drawn, experiment.slip)
         if waves is not None:
             self.ply.further.append(imperfection(self.ply, waves.height.si, waves.seed))
         self.ply.cruciforms.course = Course(self.seconds, self.temperature)
@@ -147,7 +155,7 @@ class FiniteTest:
             control_step = control_step or test.reference_control()
         else:
             control_step = step or control_step
-        return Stage(
+        stage = Stage(
             test.kind,
             self.drive,
             test.values.tolist(),
@@ -159,6 +167,8 @@ class FiniteTest:
             self.rate,
             self.measure,
         )
+        # Friction sticks and slides: what has been says little of what comes.
+        return stage if test.slip is None else replace(stage, carry_on=False, easy=EASY)
 
     def result_state(self, state: State, measured: Measured) -> result.State:
         """What a result keeps of a state, of which all is remembered that is past then."""
@@ -187,7 +197,8 @@ def solve_finite(
     """See Experiment.solve. Collective."""
     test = FiniteTest(experiment)
     start = test.at(0.0)
-    equilibrium = Equilibrium(test.model, start, experiment.options)
+    switches = experiment.slip is not None  # as friction does
+    equilibrium = Equilibrium(test.model, start, experiment.options, foretell=not switches)
     types = equilibrium.types()
     path = Path([start], begin=start.time)
     done: list[Increment] = []
@@ -196,14 +207,15 @@ def solve_finite(
     last: list[result.State] = []  # whether asked for or not
     dim, nodes = test.model.dim, test.ply.nodes
 
-    def state_after(number: int) -> result.State:
-        state = (
-            kept[number]
-            if keeper is None
-            else keeper.state(test.model, number, done[number].control, test.at)
-        )
-        return test.measured_anew(state)
+    def placed(number: int) -> State:
+        if keeper is None:
+            return kept[number]
+        return keeper.state(test.model, number, done[number].control, test.at)
 
+    def state_after(number: int) -> result.State:
+        return test.measured_anew(placed(number))
+
+    watch = None
     found = result.TestResult(
         experiment,
         test.ply.supports,
@@ -222,6 +234,7 @@ def solve_finite(
         state = test.result_state(path.state, Measured(step.increment.load, step.forces))
         spent = test.ply.dissipated(path.state)
         columns = found.row(state) | {f"dissipated_{how}_J": spent[how] for how in spent}
+        columns |= watch.columns(step.state) if watch else {}
         increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)
         last[:] = [state]
@@ -235,6 +248,11 @@ def solve_finite(
             accepted(increment)
 
     try:
+        stage = test.stage()
+        if experiment.stability is not None:
+            watch = Watch(test, equilibrium, start)
+            watch.foretell()
+            stage = watch.stage(stage)
         if keeper is not None:
             earlier = keeper.restore(test.model, test.at)
             if earlier is None:
@@ -245,10 +263,16 @@ def solve_finite(
                     done.append(increment)
                     if increment.asked:
                         states.append(test.measured_anew(state))
-        follow(equilibrium, test.stage(), path, take)
+        follow(equilibrium, stage, path, take)
+        if watch is not None:
+            found.buckling = watch.finish(done, placed)
     except CruciformError as error:
         # Only these are raised on every rank alike, as destroying needs it.
         equilibrium.destroy()
+        if watch is not None:
+            if done and isinstance(error, EquilibriumError):
+                found.buckling = watch.finish(done, placed)
+            watch.destroy()
         if isinstance(error, EquilibriumError):
             experiment.explain(error, done)
             if last and (not states or states[-1] is not last[0]):
@@ -256,4 +280,6 @@ def solve_finite(
             error.result = found if states else None
         raise
     equilibrium.destroy()
+    if watch is not None:
+        watch.destroy()
     return found

@@ -10,10 +10,12 @@ import numpy as np
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import LARGE, Preform
+from ..laws import Potential
 from ..net.network import Network
 from ..parallel import least, most
 from ..quantities import si_text
 from ..solvers.options import unused_options
+from ..tension import BiaxialLaw
 from .net_kinematics import net_reach
 from .table import KindTable, TestTable
 
@@ -140,11 +142,13 @@ def _small(result: TestResult, largest: float) -> list[str]:
         )
     if largest > np.deg2rad(SMALL_DEG):
         sentences.append(beyond_small(largest, "set test.finite = true"))
-    laws = {
+    laws: dict[str, Potential | BiaxialLaw | None] = {
         "shear law": fabric.shear_law,
         "warp's law of tension": fabric.warp_law,
         "weft's law of tension": fabric.weft_law,
     }
+    if fabric.biaxial_law is not None:
+        laws["law of both tensions"] = fabric.biaxial_law
     left_out = [what for what, law in laws.items() if law is not None and law.name != "linear"]
     left_out += ["softening in compression"] if fabric.compression < 1.0 else []
     if left_out:
@@ -166,7 +170,7 @@ def _finite(result: TestResult, largest: float) -> list[str]:
     strains = [state.fields["arm_strain"] for state in result.states]
     extremes = np.array([[s.min(initial=0.0), s.max(initial=0.0)] for s in strains])
     sentences += beyond_laws(experiment.network, largest, extremes)
-    if experiment.space and experiment.imperfection is None:
+    if experiment.space and experiment.imperfection is None and result.buckling is None:
         mended = any(increment.shifted for increment in result.increments)
         sentences.append(
             "the cloth may leave its plane but starts exactly flat: wrinkles start from rounding, "
@@ -197,7 +201,16 @@ def beyond_laws(network: Network, shear: float, strain: np.ndarray) -> list[str]
         )
     shortest, longest = least(comm, strain, 0.0), most(comm, strain, 0.0)
     # The strain at which yarns of cloth give way, as a rule (docs/laws.md).
-    if fabric.compression == 1.0 and shortest < -fabric.compression_width:
+    if fabric.biaxial_law is not None:
+        (low, high) = fabric.biaxial_law.strains.T
+        room = fabric.compression_width  # strain; and for rounding
+        if shortest < low.min() - room or longest > high.max() + room:
+            reached = f"{100 * shortest:.2g} to {100 * longest:.3g} %"
+            sentences.append(
+                f"yarns are strained from {reached}, beyond the points of fabric.tension.surface, "
+                f"which has {100 * low.min():.2g} to {100 * high.max():.3g} %; there it is a guess"
+            )
+    elif fabric.compression == 1.0 and shortest < -fabric.compression_width:
         sentences.append(
             f"yarns are compressed by up to {-100 * shortest:.2g} % and carry that like tension; "
             "those of a cloth buckle (fabric.tension.compression = 0.01 softens them)"

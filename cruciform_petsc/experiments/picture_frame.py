@@ -14,7 +14,7 @@ from ..quantities import declare
 from .closed_form import CAPTION, beside_closed_form
 from .experiment import Experiment, Grip
 from .result import TestResult
-from .table import TestTable
+from .table import TensionedTable
 
 SMALL = 1e-5  # rad
 EDGES = ("lower", "upper", "left", "right")
@@ -31,7 +31,7 @@ Angles = Annotated[
 ]
 
 
-class PictureFrameTable(TestTable):
+class PictureFrameTable(TensionedTable):
     """A rectangle sheared by a hinged frame."""
 
     controls: ClassVar = {"angle": "rad"}
@@ -42,6 +42,7 @@ class PictureFrameTable(TestTable):
         "bias_angle": '"0 deg"',
         "test": """
             angle = ["10 deg", "20 deg"]  # Shear angle of the frame, one value or a list
+            # pretension = "10 N/cm"  # Of both yarns in the frame before it shears, or of each
         """,
     }
 
@@ -52,6 +53,9 @@ class PictureFrameTable(TestTable):
 
 class PictureFrame(Experiment):
     """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
+
+    With ``pretension`` the yarns are under tension before it shears, as Launay et al. 2008 have it
+    (Composites A 39:53).
 
     The frame turns the yarns it holds with its sides, so that the cloth shears uniformly as far as
     the clamps are concerned. Its shear angle is 90 degrees less the angle between its sides,
@@ -127,7 +131,37 @@ class PictureFrame(Experiment):
         # Uniform shear: psi' = F cos(gamma)/diagonal, see calibration.formula.
         if self.finite and not self.network.fabric.remembers:
             torque = self.network.fabric.shear.evaluate(result.controls)[1]
+            torque = torque / np.prod(self.prestretch)  # of the cloth that is in the frame
             columns["load_net_N"] = torque * diagonal / np.cos(result.controls)
+            if getattr(self.test, "pretension", None) is not None:
+                columns |= self._tensions(result, torque)
+        return columns
+
+    def _tensions(self, result: TestResult, torque: np.ndarray) -> dict[str, np.ndarray]:
+        """Tension of the yarns at the frame's sides, and that of cloth sheared alike all over.
+
+        What a side of length L pulls is n L along the yarns that it holds and psi'/cos(g) L along
+        itself, in these two directions; with the yarns' lengths as they are, cloth that resists
+        shear takes psi' tan(g) off the tension n that there was: they slacken beyond.
+        """
+        columns, net = {}, self.network
+        turned = int(abs(net.preform.rotation[0, 1]) < 0.5)  # the warp runs along x
+        for family, name in enumerate(("warp", "weft")):
+            along = (family + turned + 1) % 2  # axis of its yarns
+            low, high = (("left", "right"), ("lower", "upper"))[along]
+            tension = []
+            for state in result.states:
+                gradient = self.motion(high, state.control)[0]
+                axes = gradient / np.linalg.norm(gradient, axis=0)
+                parts = [
+                    np.linalg.solve(axes, sign * state.forces[edge])[along]
+                    for edge, sign in ((low, -1.0), (high, 1.0))
+                ]
+                tension.append(0.5 * sum(parts) / self.size[1 - along])
+            columns[f"tension_{name}_N_per_cm"] = 0.01 * np.array(tension)
+            start = net.fabric.tensions(self.prestretch)[family]
+            closed = start - torque * np.tan(result.controls)
+            columns[f"tension_{name}_net_N_per_cm"] = 0.01 * closed
         return columns
 
     def figures(self, result: TestResult) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import shapely
 from ..drawn import InSpace, Mapped, Plotted, Shown
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..quantities import LOAD, data_frame
+from ..quantities import LOAD, Quantity, data_frame
 
 if TYPE_CHECKING:
     from ..equilibrium.stages import Increment
@@ -87,6 +87,56 @@ class CentreLine(NamedTuple):
 
 
 @dataclass
+class Critical:
+    """A critical state, or one that the linearised problem foretells.
+
+    Attributes
+    ----------
+    control, load : float
+        SI; the load as the test has it.
+    """
+
+    control: float
+    load: float
+
+
+@dataclass
+class Buckling:
+    """What is known of a test's stability.
+
+    Attributes
+    ----------
+    linear : list of Critical
+        Of the linearised problem, from rest: one for each mode that there is.
+    passed : list of Critical
+        Found on the way, in order.
+    modes : list of State
+        Shapes of the first critical state, else of the linearised problem: as displacements from
+        rest whose largest is 1 m.
+    stiffness : list of float
+        What holds these shapes, N/m^3; of the linearised problem at rest.
+    """
+
+    linear: list[Critical]
+    passed: list[Critical] = field(default_factory=list)
+    modes: list[State] = field(default_factory=list)
+    stiffness: list[float] = field(default_factory=list)
+
+    def figures(self, column: Quantity) -> dict[str, Any]:
+        """Plain data; ``column`` is the control's."""
+
+        def told(states: Sequence[Critical]) -> list[dict[str, float]]:
+            key = column.column.lower()
+            return [{key: state.control / column.scale, "load_n": state.load} for state in states]
+
+        return {
+            "linear": told(self.linear),
+            "critical": told(self.passed),
+            "mode_stiffness_pa_per_mm": [1e-3 * value for value in self.stiffness],
+        }
+
+
+@dataclass
 class TestResult(Shown, Plotted, Mapped, InSpace):
     """What a test gives; one value is that of the last state."""
 
@@ -106,6 +156,8 @@ class TestResult(Shown, Plotted, Mapped, InSpace):
     unknowns: int = 0
     solver_types: dict[str, str] = field(default_factory=dict)
     """Of finite deformation: PETSc's types by "snes", "ksp" and "pc"."""
+    buckling: Buckling | None = None
+    """Critical loads and modes, where the test was asked for them."""
     uncarried: dict[str, float] | None = None
     """For the paper's separate systems: share of the load that each mode cannot carry."""
 
@@ -328,6 +380,11 @@ class TestResult(Shown, Plotted, Mapped, InSpace):
                 columns[f"shear_{zone}_deg"] = np.rad2deg(angle)
         if self.experiment.space:
             columns["height_max_mm"] = 1e3 * self.heights_max
+        if self.experiment.slip is not None:
+            slips = [abs(state.fields["slip"]) for state in self.states]
+            columns["slip_max_mm"] = 1e3 * np.array(
+                [most(self.network.comm, s, 0.0) for s in slips]
+            )
         columns |= {f"energy_{mode}_J": value for mode, value in self.energies().items()}
         return columns | self.experiment.extra_columns(self)
 

@@ -22,6 +22,7 @@ from ..items.loads import DeadLoads, gravity, imperfection
 from ..items.part import OfPart, part_of
 from ..items.ply import Ply
 from ..items.trimmed import Trimmed
+from ..items.truss import TrussPly
 from ..items.viscous import Viscous
 from ..net.edges import Constraints
 from ..net.joined import JoinedNodes, ToolNodes
@@ -35,7 +36,9 @@ REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
 # Of elements' nodes those that tell whether they are cut off: hinges, points of a bend; the first.
-_POINTS = {"cruciforms": slice(4, 5), "bends": slice(0, 3)}
+_POINTS = {
+    "cruciforms": slice(4, 5), "truss": slice(4, 5), "bends": slice(0, 3), "twist": slice(0, 2),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,8 @@ class Blank:
         What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
     laid : Laid, optional
         Where it begins, on a tool; by default it is flat.
+    prestretch : pair of float
+        See PlyNodes.
 
     Attributes
     ----------
@@ -124,6 +129,8 @@ class Blank:
         Whether it begins laid on a tool.
     """
 
+    _ply: type[Ply] = Ply
+
     def __init__(
         self,
         network: Network,
@@ -138,6 +145,7 @@ class Blank:
         factors: Mapping[str, float] | None = None,
         cuts: Mapping[str, shapely.Polygon] | None = None,
         laid: Laid | None = None,
+        prestretch: tuple[float, float] = (1.0, 1.0),
     ):
         fabric = network.fabric
         self.network, self.tools, self.comm = network, list(tools), network.comm
@@ -147,6 +155,7 @@ class Blank:
             fabric, length_of(network, self.symmetry)
         )
         self.factors = factors or {}
+        self.prestretch = prestretch
         self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
@@ -155,7 +164,7 @@ class Blank:
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
         ply.further += [make(ply) for make in further]
-        self._held = holder(ply)([])  # where edges hold the cloth, at rest
+        self.cloth_hold = holder(ply)([])  # where edges hold the cloth, at rest
         place = np.array([tool.start.place for tool in tools]).reshape(-1, 3)
         tool_nodes = ToolNodes(self.comm, place)
         self.nodes = JoinedNodes([ply.nodes, tool_nodes])
@@ -203,7 +212,8 @@ class Blank:
         constraints = Constraints(self.network, bending, floats=True)
         for edge in sorted(self.symmetry):
             constraints.symmetry(edge)
-        return Ply(constraints, self.network.fabric.out_of_plane("forming"), flat=False)
+        out = self.network.fabric.out_of_plane("forming")
+        return self._ply(constraints, out, flat=False, prestretch=self.prestretch)
 
     @property
     def pitch(self) -> float:
@@ -217,7 +227,7 @@ class Blank:
         rotations: Mapping[str, np.ndarray],
     ) -> Hold:
         """Tools held at places (n, 3), but for axes that are free (n, 3), and turned."""
-        cloth = self._held
+        cloth = self.cloth_hold
         nodes = np.concatenate([self.cloth_at[cloth.nodes], self.tool_node])
         fixed = np.concatenate([cloth.fixed, ~free])
         place = np.concatenate([cloth.place, place])
@@ -245,6 +255,12 @@ class Blank:
                     kept[name] = np.where(rows, new, kept[name])
             memory[item.name] = kept
         return replace(state, memory=memory)
+
+    def area_of_nodes(self) -> np.ndarray:
+        """Area that each node stands for, (n_local,), m^2; none of tools."""
+        area = np.zeros(self.nodes.num_nodes_local)
+        area[self.cloth_at[self.touching]] = self.area
+        return area
 
     def of_cloth(self, state: State) -> State:
         """The state as the ply sees it."""
@@ -289,6 +305,12 @@ class Blank:
         far = {edge: most(self.comm, kept["slipped"], 0.0) for edge, kept in memory.items()}
         spent = {e: self.comm.allreduce(float(k["spent"].sum())) for e, k in memory.items()}
         return far, spent
+
+
+class TrussBlank(Blank):
+    """A blank whose cloth is a truss, see items.truss. Collective."""
+
+    _ply = TrussPly
 
 
 def push_name(tool: str, axis: int) -> str:

@@ -140,7 +140,7 @@ class Draping(Forming):
         fields["shear_energy"][~fields["carrying"]] = 0.0
         return fields
 
-    def figures(self) -> dict[str, Any]:
+    def results(self) -> dict[str, Any]:
         """What a summary tells. Collective."""
         fields, network = self.fields(), self.network
         angle = abs(fields["shear_angle"])

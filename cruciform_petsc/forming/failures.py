@@ -28,12 +28,14 @@ def explain(
     stages: Sequence[StageTable],
     error: EquilibriumError,
     is_kept: bool,
+    kind: str = "forming",
     laying: int = 0,
 ) -> None:
     """Say in the error how far it came, which tools press where it stopped, and why. Collective.
 
-    Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help.
-    The first ``laying`` stages are the program's own.
+    Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help:
+    those of a stage, of other kinds than forming of all. The first ``laying`` stages are the
+    program's own.
     """
     formed: Formed = error.result
     done = formed.steps[-1].increment.control if formed.steps else 0.0
@@ -56,11 +58,12 @@ def explain(
     if is_kept and error.reason != "CLOSED" and number >= laying:
         count = len(formed.steps)
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
-        step = f"stage[{number - laying}].step={0.5 * stages[number].largest_step:.3g}"
+        key = f"stage[{number - laying}].step" if kind == "forming" else "test.step"
+        step = f"{key}={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
         going_on += " (and --output, where the run had it)"
     error.args = (
-        f"forming: no equilibrium beyond {100 * (done - number):.3g} % of stage "
+        f"{kind}: no equilibrium beyond {100 * (done - number):.3g} % of stage "
         f'"{stages[number].name}" ({error}, {error.reason}){where}. '
         f"{cure[0].upper()}{cure[1:]}{going_on}",
     )

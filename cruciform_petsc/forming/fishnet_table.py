@@ -187,6 +187,8 @@ class FishnetTable(LayTable, KindTable):
     space: ClassVar[bool] = True
 
     kind: Literal["fishnet"]
+    model: Literal["coupled"] = "coupled"
+    """Not of a fishnet, which has no forces."""
     bending: Literal[False] = False
     """Not of a fishnet: its yarns are hinged."""
 

@@ -13,6 +13,7 @@ from pydantic import ConfigDict, Field, PlainValidator, TypeAdapter
 from ..drawn import InSpace, Mapped, Plotted, Shown
 from ..equilibrium.follow import Path, follow
 from ..equilibrium.newton import Equilibrium
+from ..equilibrium.stability import Modes, Stability
 from ..equilibrium.stages import Increment, Measured, Step
 from ..equilibrium.state import Found, State
 from ..errors import CruciformError, EquilibriumError
@@ -54,6 +55,9 @@ class FormingStep:
         What gravity, pressures, clamps have done on the cloth up to here, likewise.
     clamp_force : dict of float (3,)
         On the cloth by the clamp of each edge, N.
+    softest : float, optional
+        Lowest stiffness, N/m^3, where it is looked at (equilibrium.stability): of cloth, tools and
+        friction as it holds, without viscosity.
     """
 
     stage: str
@@ -65,6 +69,7 @@ class FormingStep:
     work: float
     load_work: Mapping[str, float]
     clamp_force: Mapping[str, Vector]
+    softest: float | None = None
 
     @property
     def of_tools(self) -> tuple[Mapping[str, Vector], ...]:
@@ -83,6 +88,8 @@ class Formed(Shown, Plotted, Mapped, InSpace):
         All that were accepted.
     states : list of State
         Those asked for; the last one that was accepted is the last here.
+    modes : Modes
+        The softest shapes of the last state, where they are looked for; else None.
     of : Forming
         What was formed; None of a blank without one.
     """
@@ -90,6 +97,7 @@ class Formed(Shown, Plotted, Mapped, InSpace):
     blank: Blank
     steps: list[FormingStep] = field(default_factory=list)
     states: list[State] = field(default_factory=list)
+    modes: Modes | None = None
     of: Any = None  # its module imports this one
 
     def __repr__(self) -> str:
@@ -112,12 +120,14 @@ def form(
     accepted: Callable[[FormingStep, State], None] | None = None,
     keeper: Keeper | None = None,
     between: Callable[[State, int], State] | None = None,
+    modes: int = 0,
 ) -> Formed:
     """Press a blank through stages. Collective.
 
     ``accepted`` is called with each step and its state; ``keeper`` keeps them, and if it has some
     of a former run these come first, and the forming goes on from there. ``between`` makes the
-    state that a stage, by its number from 1 on, begins with, of that before: cloth laid then.
+    state that a stage, by its number from 1 on, begins with, of that before: cloth laid then. With
+    ``modes`` the lowest stiffness is looked at, and at the end so many of the softest shapes.
 
     Raises
     ------
@@ -131,6 +141,7 @@ def form(
     equilibrium = Equilibrium(
         model, start, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
     )
+    stability = Stability(model, blank.area_of_nodes(), modes) if modes else None
     names = [tool.name for tool in blank.tools]
     place = start.x[blank.tool_node]  # of the tools after the last step, and what drove them
     driving = np.zeros_like(place)
@@ -187,6 +198,7 @@ def form(
             work,
             load_work,
             by_clamp,
+            float(stability.modes(state).values[0]) if stability else None,
         )
         formed.add(done, state)
         if keeper is not None:
@@ -227,11 +239,16 @@ def form(
         for number in range(int(path.begin), len(plans)):
             follow(equilibrium, press_at(number).stage(measure), path, take)
             path = begin(number + 1, path.state)
+        if stability is not None:
+            formed.modes = stability.modes(path.state)
     except CruciformError as error:
         equilibrium.destroy()  # only these are raised on every rank alike, as this needs
         if isinstance(error, EquilibriumError):
             error.result = formed
         raise
+    finally:
+        if stability is not None:
+            stability.destroy()
     equilibrium.destroy()
     return formed
 

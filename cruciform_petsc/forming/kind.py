@@ -15,6 +15,7 @@ from ..equilibrium.state import State
 from ..errors import EquilibriumError, InputError
 from ..experiments.finite import Keeper
 from ..experiments.limits import remarks
+from ..experiments.table import prestretch
 from ..fields import Table
 from ..items.clamps import preload_name
 from ..items.item import Item
@@ -25,13 +26,14 @@ from ..parallel import least, most
 from ..quantities import length
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
-from .blank import Blank, ContactSettings, length_of
+from .blank import Blank, ContactSettings, TrussBlank, length_of
 from .failures import explain
 from .fishnet_table import Draped
 from .forming import Formed, FormingStep, form
 from .progressive import Rows
 from .table import (
     PRESSURES,
+    ArrangedTable,
     ClampTable,
     FormingTable,
     StageTable,
@@ -99,6 +101,8 @@ class Forming:
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
     draped: Draped | None = None
+    # Items whose factors grow over the first stage, besides preloads.
+    growing: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
@@ -112,7 +116,7 @@ class Forming:
         **keys: Any,
     ):
         self.network, self.options, fabric = network, options or {}, network.fabric
-        test = FormingTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
         tables = tables_of(ToolTable, "tool", tools)
         self.stages = tables_of(StageTable, "stage", stages)
@@ -127,7 +131,7 @@ class Forming:
         self.rows = self._rows()
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
-        grown = dict.fromkeys(self._preloads(), 1.0)
+        grown = dict.fromkeys(self._growing(), 1.0)
         for i in range(0 if self.rows is None else len(self.rows.last)):
             more = self.rows.factors(i) if self.rows else {}
             self.plans[i] = replace(self.plans[i], factors={**self.plans[i].factors, **more})
@@ -151,9 +155,10 @@ class Forming:
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
+        truss = test.model == "truss"  # whose yarns bend by no waves
+        waves = (height, wave.seed) if height and not truss else None
         laid = None if self.draped is None else self.draped.laid
-        waves = (height, wave.seed) if height else None
-        self.blank: Blank = self.lay(Blank, waves=waves, laid=laid)
+        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves, laid=laid)
         if self.draped is not None:
             self.remarks += self.draped.remarks()
             self._check_planes()
@@ -179,7 +184,8 @@ class Forming:
             symmetry=self.test.symmetry,
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
-            factors=dict.fromkeys((*PRESSURES, *self._preloads(), *self._held_back()), 0.0)
+            prestretch=prestretch(getattr(self.test, "pretension", None), self.network.fabric),
+            factors=dict.fromkeys((*PRESSURES, *self._growing(), *self._held_back()), 0.0)
             | self._pressed(),
             **further,
         )
@@ -210,9 +216,12 @@ class Forming:
 
     # -- clamps and pressures -------------------------------------------------------------------
 
-    def _preloads(self) -> list[str]:
+    def _growing(self) -> list[str]:
         """Names of the factors that grow over the first stage."""
-        return [preload_name(clamp.edge) for clamp in self.clamps if clamp.preload is not None]
+        preloads = [
+            preload_name(clamp.edge) for clamp in self.clamps if clamp.preload or clamp.lift
+        ]
+        return [*preloads, *self.growing]
 
     def _pressures(self) -> list[Callable[[Ply], Item]]:
         """What makes the pressures that stages name; their factors are in Pa, downwards."""
@@ -439,6 +448,10 @@ class Forming:
                     )
         return remarks
 
+    def figures(self, formed: Formed) -> dict[str, Any]:
+        """What only this kind tells of a forming, by keys of the summary. Collective."""
+        return {}
+
     # -- what runs call ---------------------------------------------------------------------------
 
     def check(self) -> list[str]:
@@ -479,11 +492,36 @@ class Forming:
                 accepted=accepted,
                 keeper=keeper,
                 between=self._between if self.rows is not None else None,
+                modes=self.test.stability.modes if self.test.stability else 0,
             )
             return replace(formed, of=self)
         except EquilibriumError as error:
             if error.result is not None:
                 error.result.of = self
             laying = 0 if self.rows is None else len(self.rows.last)
-            explain(self.blank, self.stages, error, keeper is not None, laying)
+            explain(self.blank, self.stages, error, keeper is not None, self.kind, laying)
             raise
+
+
+class Arranged(Forming):
+    """A forming whose tools, clamps and stages follow from its own keys. Collective.
+
+    Parameters
+    ----------
+    network : Network
+        See Forming.
+    options : mapping, optional
+        PETSc options for the solver, without the prefix.
+    **keys
+        Those of the kind's `table`, as in ``[test]`` of a case file.
+    """
+
+    table: ClassVar[type[ArrangedTable]]
+    reference = ""
+
+    def __init__(
+        self, network: Network, *, options: Mapping[str, object] | None = None, **keys: Any
+    ):
+        test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
+        tools, clamps, stages = test.arranged()
+        super().__init__(network, tools, stages, clamps, options=options, **keys)

@@ -16,7 +16,19 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import InputError, Problems, unknown
 from ..experiments.table import KindTable, check_viscosity
-from ..fields import Count, Name, Number, Of, Quantities, Ring, Sides, Size, Table, si_values
+from ..fields import (
+    Count,
+    Length,
+    Name,
+    Number,
+    Of,
+    Quantities,
+    Ring,
+    Sides,
+    Size,
+    Table,
+    si_values,
+)
 from ..items.clamps import Clamp, clamp_name
 from ..items.cruciforms import Course
 from ..items.nodes import PlyNodes
@@ -29,7 +41,16 @@ from .press import LARGEST_STEP, StagePlan, stage_number
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
 # Names of what else acts on the cloth.
 PRESSURES = ("pressure", "suction")
-TAKEN = ("bends", "cruciforms", "gravity", "imperfection", "loads", *PRESSURES, "viscosity")
+TAKEN = (
+    "bends",
+    "cruciforms",
+    "gravity",
+    "imperfection",
+    "loads",
+    *PRESSURES,
+    "twist",
+    "viscosity",
+)
 
 
 def _a_force(force: Quantities) -> Quantities:
@@ -99,6 +120,9 @@ class ClampTable(Table):
     """Beyond which yarn ends slip. Of the whole clamp, or per width. Example: `"50 N"`"""
     slides: bool = False
     """Held in height only: the seam of a cushion of which this is one half."""
+    lift: Annotated[list[Length], Field(min_length=2, max_length=2)] | None = None
+    """By which the edge's ends are raised over the first stage, straight between them: its first
+    and its last corner, with the cloth on the left. Example: `["0 mm", "200 mm"]`"""
 
     @model_validator(mode="after")
     def _a_spring(self) -> ClampTable:
@@ -122,7 +146,15 @@ class ClampTable(Table):
                 (self.stiffness, "N/m/m"), (self.preload, "N/m"), (self.friction_limit, "N/m")
             )
         )  # fmt: skip
-        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides)
+        lift = None if self.lift is None else si_values(self.lift)
+        return Clamp(ply, self.edge, stiffness, preload, limit, slides=self.slides, lift=lift)
+
+
+class SoftestTable(Table):
+    """[test] stability of a forming (docs/stability.md)."""
+
+    modes: Annotated[Count, Field(le=20)] = 1
+    """How many shapes are looked for, of the last step."""
 
 
 class FormingTable(KindTable):
@@ -147,6 +179,9 @@ class FormingTable(KindTable):
     temperature: Annotated[Quantity, Of("K")] | None = None
     """Of the cloth, for fabric.shear_viscosity; by default that of its measurement. Stages may have
     their own."""
+    stability: SoftestTable | None = None
+    """Tell the lowest stiffness of each step, and the softest shape at the end.
+    Example: `{ modes = 1 }`"""
     contact: ContactTable = ContactTable()
     """Compaction, elastic slip and viscosity, where they shall be others than the program's.
     Example: `{ stiffness = "20 kPa/mm" }`"""
@@ -181,7 +216,7 @@ class FormingTable(KindTable):
             )
         with problems.caught():
             super().check(preform, fabric)
-        by = 'test.kind = "forming"'
+        by = f'test.kind = "{self.kind}"'
         with problems.caught():
             fabric.needed("thickness", by)
         with problems.caught():
@@ -196,6 +231,14 @@ class FormingTable(KindTable):
                 "leave one of them out"
             )
         problems.tell()
+
+
+class ArrangedTable(FormingTable):
+    """A forming whose tools, clamps and stages follow from keys of its own."""
+
+    def arranged(self) -> tuple[list[ToolTable], list[ClampTable], list[StageTable]]:
+        """Make them."""
+        raise NotImplementedError
 
 
 class TrimTable(Table):
@@ -373,6 +416,12 @@ def check_stages(
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
+        pushed = [key for key in PRESSURES if getattr(stage, key) is not None]
+        if pushed and test.model == "truss":
+            problems.append(
+                f'stage[{i}].{pushed[0]} is not for test.model = "truss", whose surface it would '
+                "not follow"
+            )
         problems += _across_planes(test, f"stage[{i}]", stage)
         for edge in stage.release:
             if edge not in held:
@@ -424,7 +473,9 @@ def _laid_on(
         yield "test.fishnet: [[clamp]] holds edges of a flat blank, leave one of them out"
     if test.symmetry and test.fishnet.least_energy is not None:
         yield "test.fishnet.least_energy moves the seed, which test.symmetry holds: leave one out"
-    if name is not None and name not in names:
+    if not names:
+        yield "test.fishnet needs a [[tool]] to lay the cloth on"
+    elif name is not None and name not in names:
         yield f"test.fishnet.tool: {unknown(f'tool {name!r}', name, names)}"
     elif name is None and len(below_cloth(tools, stages)) != 1:
         yield (

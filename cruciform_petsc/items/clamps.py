@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 
 from ..elements.level import FORCE, STIFFNESS, room
 from .item import Item, Placed, Work
@@ -22,7 +23,7 @@ class Clamp(Item):
     When a state is accepted anchors follow nodes that are farther away than F/k, to that distance,
     as those of friction do (items.contact). A preload P moves anchors outwards by P/k. The factor
     of `clamp_name` is what of it still holds, that of `preload_name` how much of the preload is
-    there.
+    there; with it grows the lift of the points, between heights of the edge's ends.
 
     Parameters
     ----------
@@ -34,13 +35,20 @@ class Clamp(Item):
         is HELD.
     slides : bool
         Held in height only.
+    lift : pair of float, optional
+        m, at the beginning and the end of the edge, the cloth on its left.
+
+    Attributes
+    ----------
+    form : float (n_owned, 3) or None
+        How far the cloth's nodes may be guessed to go from rest as the edge is raised, m.
     """
 
     is_load = True
     modes = ("clamps",)
 
     def __init__(self, ply: PlyNodes, edge: str, stiffness=None, preload=None, limit=None, *,
-                 slides: bool = False):  # fmt: skip
+                 slides: bool = False, lift=None):  # fmt: skip
         self.edge, self.name, self._preload = edge, clamp_name(edge), preload_name(edge)
         network, of_node = ply.network, ply.nodes.of_network_node
         length = ply.constraints.lengths(edge)
@@ -62,7 +70,13 @@ class Clamp(Item):
         self.nodes = at[:, None].astype(np.int32)
         self._rest = ply.nodes.rest[at]
         self._outwards = (shared(preload, 0.0) / self.stiffness)[:, None] * normal
+        self.form: np.ndarray | None = None
         self._axes = np.array([not slides, not slides, True])
+        if lift is not None:
+            line = shapely.linestrings(_joined(network.preform.edge(edge)))
+            points = shapely.points(network.node_position[ends])
+            share = shapely.line_locate_point(line, points, normalized=True)
+            self._outwards[:, 2] += lift[0] + (lift[1] - lift[0]) * share
 
     def _gap(self, state: Placed, rows=slice(None)) -> tuple[np.ndarray, np.ndarray]:
         """From anchors to nodes along what is held, (m, 3), and its length (m,)."""
@@ -92,6 +106,14 @@ class Clamp(Item):
             )
         return energy, force, stiffness
 
+    def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:
+        """See Item.carried: where a form that was found beforehand puts the cloth."""
+        grown = after.factors.get(self._preload, 1.0) - before.factors.get(self._preload, 1.0)
+        if self.form is None or grown == 0.0:
+            return None
+        nodes = np.arange(len(self.form))
+        return nodes, before.x[nodes] + grown * self.form
+
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
         """See Item.accepted: anchors, how far each node has slipped [m], what that took [J]."""
         memory, none = state.memory.get(self.name, {}), np.zeros(len(self.nodes))
@@ -105,6 +127,11 @@ class Clamp(Item):
             "slipped": memory.get("slipped", none) + slid,
             "spent": memory.get("spent", none) + rubbed,
         }
+
+
+def _joined(segments: np.ndarray) -> np.ndarray:
+    """Corners (n + 1, 2) of an edge's segments, one after the other."""
+    return np.concatenate([segments[:1, 0], segments[:, 1]])
 
 
 def clamp_name(edge: str) -> str:

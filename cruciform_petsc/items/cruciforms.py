@@ -47,7 +47,7 @@ class Cruciforms(Item):
     rows : int (m,)
         Their numbers among this rank's crossovers.
     arm_length : float (m, 4), m
-    area : float (m, 4), m^2, of the quadrants
+    area : float (m, 4), m^2, of the quadrants; both without any tension
     strain_source, turn_source : int (m, 4)
         See elements.cruciform.cruciforms.
     course : Course
@@ -70,7 +70,10 @@ class Cruciforms(Item):
         area[boundary] = supports.quadrant_area
         share[boundary] = supports.hinge_share
         self.strain_source, self.turn_source = strain[rows], turn[rows]
-        self.area, self.arm_length = area[rows], network.arm_length[rows]
+        # Cloth that is drawn stretched is smaller at rest.
+        stretch = np.tile(ply.prestretch, 2)
+        self.area = area[rows] / np.prod(ply.prestretch)
+        self.arm_length = network.arm_length[rows] / stretch
         self._along = share[rows] * [1.0, 1.0, -1.0, -1.0]  # arms, as their yarns run
         ends = ply.nodes.of_network_node[network.arm_node[rows]]
         self.nodes = np.column_stack([ends, ply.nodes.of_hinge[rows]]).astype(np.int32)
@@ -186,7 +189,8 @@ class Cruciforms(Item):
             what = "the cloth folds onto itself: warp and weft pass each other"
             return place, "FOLDED", what
         arms = np.linalg.norm(state.x[self.nodes[:, :4]] - state.x[self.nodes[:, 4:]], axis=2)
-        stretch = np.where(self.arm_length > 0, arms / np.maximum(self.arm_length, 1e-300), 0.0)
+        length = np.maximum(self.lengths(state), 1e-300)
+        stretch = np.where(self.arm_length > 0, arms / length, 0.0)
         value, place = self._lowest(-stretch.max(axis=1, initial=0.0))
         if value < -LARGEST_STRETCH:
             what = "a yarn is stretched to more than twice its length, which none stands"
@@ -223,6 +227,10 @@ class Cruciforms(Item):
 
     # -- fields -----------------------------------------------------------------------------------
 
+    def lengths(self, state: Placed) -> np.ndarray:
+        """Lengths of arms at rest, (m, 4), m; 0 for those that there are not."""
+        return self.arm_length
+
     def arms(self, state: Placed) -> tuple[np.ndarray, np.ndarray]:
         """Stretch (m, 4) and direction (m, 4, dim) of arms.
 
@@ -232,7 +240,7 @@ class Cruciforms(Item):
         arms = place[:, :4] - place[:, 4:]
         size = np.linalg.norm(arms, axis=2)
         present = self.arm_length > 0
-        stretch = np.where(present, size / np.where(present, self.arm_length, 1.0), 1.0)
+        stretch = np.where(present, size / np.where(present, self.lengths(state), 1.0), 1.0)
         t = np.where(present[..., None], arms / np.where(present, size, 1.0)[..., None], 0.0)
         at = np.arange(len(self.rows))[:, None]
         source = np.maximum(self.strain_source, 0)
@@ -285,7 +293,7 @@ def cloth(fabric) -> Cloth:
         (fabric.warp_tension if biaxial is None else none).packed,
         (fabric.weft_tension if biaxial is None else none).packed,
         fabric.shear.packed,
-        float(fabric.c12) if biaxial is None else 0.0,
+        float(fabric.c12),
         bool(fabric.log_strain),
         float(fabric.compression),
         float(fabric.compression_width),

@@ -111,7 +111,7 @@ class Pressure(Item):
         if level >= STIFFNESS:
             stiffness[:] = 0.0
             for p, q, other, sign in ((0, 1, c, -1), (1, 2, a, -1), (2, 0, b, -1)):
-                block = sign * size[:, None, None] * _cross_matrix(other)
+                block = sign * size[:, None, None] * cross_matrix(other)
                 stiffness[:, p, :, q] = block
                 stiffness[:, q, :, p] = block.swapaxes(1, 2)
         return energy, force, stiffness
@@ -231,7 +231,7 @@ class Suction(Item):
         return self.lagged(state)[0]
 
 
-def _cross_matrix(v: np.ndarray) -> np.ndarray:
+def cross_matrix(v: np.ndarray) -> np.ndarray:
     """Matrices (n, 3, 3) of the product v x, of vectors (n, 3)."""
     matrix = np.zeros((len(v), 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

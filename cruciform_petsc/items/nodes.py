@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import shapely
 
 from ..laws import Potential, linear
 from ..net.edges import Constraints
@@ -12,6 +15,34 @@ from ..net.nodes import Nodes
 from ..net.supports import Supports, find_supports, pass_on_loads
 from ..parallel import most
 from .item import Placed
+
+
+@dataclass(frozen=True)
+class Slip:
+    """How yarns slide through crossovers, see items.slip.
+
+    Attributes
+    ----------
+    force : float
+        At which a yarn slides across one crossing yarn, N.
+    coefficient : float
+        Share of the mean tension of both yarns there that adds to it.
+    families : tuple of bool
+        Whether warp and weft slide.
+    region : shapely.Polygon, optional
+        At which crossovers, by where they are at rest, m; by default at all.
+    elastic : float, optional
+        Up to which friction gives like a spring, m; by default a thousandth of the pitch.
+    closest : float
+        How close crossing yarns come to each other, as a share of the pitch.
+    """
+
+    force: float
+    coefficient: float = 0.0
+    families: tuple[bool, bool] = (True, True)
+    region: shapely.Polygon | None = None
+    elastic: float | None = None
+    closest: float = 0.2
 
 
 class PlyNodes:
@@ -26,6 +57,10 @@ class PlyNodes:
         width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
         In space: hold z of all nodes, not only on clamps and guides.
+    prestretch : pair of float
+        Length of warp and weft yarns as the network is drawn over that without tension.
+    slip : Slip, optional
+        Yarns slide through crossovers, which have a second node each (Nodes).
 
     Attributes
     ----------
@@ -38,6 +73,8 @@ class PlyNodes:
         Unknowns that edges prescribe.
     clamped : int (c,)
         Local nodes of the network on edges that prescribe something.
+    gripped : bool (network nodes,)
+        Where something holds or pulls the yarn that ends there.
     """
 
     def __init__(
@@ -45,18 +82,25 @@ class PlyNodes:
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
+        slip: Slip | None = None,
     ):
+        self.slip = slip
         self.constraints, self.network = constraints, constraints.network
+        self.prestretch = prestretch
         self.bending, self.comm = constraints.bending, constraints.network.comm
         self.dim = 2 if out_of_plane is None else 3
         self.out_of_plane = [
             law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
         ]
         self.supports: Supports = find_supports(constraints)
-        self.nodes = Nodes(self.network, self.dim)
+        self.nodes = self._nodes()
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()
+
+    def _nodes(self) -> Nodes:
+        return Nodes(self.network, self.dim, slides=self.slip is not None)
 
     def _in_space(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 2) in the plane z = 0, if the ply lies in space; (..., dim)."""
@@ -72,6 +116,8 @@ class PlyNodes:
         active = np.zeros(n, bool)
         active[nodes.of_hinge[self.supports.carrying]] = True
         active[nodes.of_network_node] |= self.supports.active[:, :2].any(axis=1)
+        slides = self._slides()
+        active[nodes.of_slide] = slides.any(axis=1)
         nodes.halo.reverse(active, np.logical_or)
         self.active = nodes.halo.forward(active)
         self.fixed = np.zeros((n, dim), bool)
@@ -79,10 +125,32 @@ class PlyNodes:
         if dim == 3:
             self.fixed[:, 2] = flat
             self.fixed[nodes.of_network_node, 2] |= constraints.fixed_z
+            self.fixed[nodes.of_slide, 2] = True
+        self.fixed[nodes.of_slide, :2] = ~slides
         nodes.halo.forward(self.fixed)
         self.clamped = np.flatnonzero(constraints.fixed[:, :2].any(axis=1))
         self.clamp_of = np.full(network.num_nodes_local, -1)
         self.clamp_of[self.clamped] = np.arange(len(self.clamped))
+
+    def _slides(self) -> np.ndarray:
+        """Whether warp and weft slide through this rank's crossovers, bool (n_owned or 0, 2).
+
+        Not where a yarn ends on an edge that holds it, nor in a clamp.
+        """
+        network, constraints, slip = self.network, self.constraints, self.slip
+        prescribed = constraints.fixed[:, :2].any(axis=1) | constraints.tied
+        self.gripped = prescribed | (constraints.force != 0.0).any(axis=1)
+        if slip is None:
+            return np.zeros((0, 2), bool)
+        missing = network.arm_length == 0
+        ends = missing & self.gripped[network.arm_node]
+        held = ends[:, :2] | ends[:, 2:]
+        held |= (missing & constraints.held[network.arm_node]).any(axis=1)[:, None]
+        slides = self.supports.carrying[:, None] & ~held & np.array(slip.families)
+        if slip.region is not None:
+            inside = shapely.contains_xy(slip.region, *network.crossover_position.T)
+            slides &= inside[:, None]
+        return slides
 
     def _name_crossovers(self) -> None:
         """Tables over local nodes: which hinges carry, and whose they are."""

@@ -52,6 +52,11 @@ class OfPart(Item):
         """See Item.lagged."""
         return self.item.lagged(self._view(state))
 
+    def carried(self, before: Placed, after: Placed) -> tuple[np.ndarray, np.ndarray] | None:
+        """See Item.carried."""
+        found = self.item.carried(self._view(before), self._view(after))
+        return None if found is None else (self._at[found[0]], found[1])
+
     def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
         """See Item.accepted."""
         return self.item.accepted(self._view(state))

@@ -19,8 +19,10 @@ from .bends import Bends
 from .cruciforms import Cruciforms
 from .item import Item, Placed
 from .loads import DeadLoads
-from .nodes import PlyNodes
+from .nodes import PlyNodes, Slip
+from .slip import Slides, SlidingCruciforms
 from .trimmed import kept
+from .twist import Twist
 
 MODES = ("tension", "shear", "bending")  # of the energy of a cloth in its plane
 
@@ -31,6 +33,8 @@ class Ply(PlyNodes):
     Attributes
     ----------
     cruciforms, bends, loads : items
+    slides : Slides or None
+        Friction of yarns that slide through crossovers.
     further : list of Item
         More that acts on this ply: an imperfection, gravity, a pressure.
     cuts : mapping
@@ -42,9 +46,14 @@ class Ply(PlyNodes):
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        prestretch: tuple[float, float] = (1.0, 1.0),
+        slip: Slip | None = None,
     ):
-        super().__init__(constraints, out_of_plane, flat)
-        self.cruciforms = Cruciforms(self)
+        super().__init__(constraints, out_of_plane, flat, prestretch, slip)
+        self.cruciforms = Cruciforms(self) if slip is None else SlidingCruciforms(self)
+        self.slides = None
+        if isinstance(self.cruciforms, SlidingCruciforms):
+            self.slides = Slides(self, self.cruciforms)
         self.bends = Bends(self)
         force = np.zeros_like(self.nodes.rest)
         force[self.nodes.of_network_node, :2] = self.network.to_lab(
@@ -52,7 +61,8 @@ class Ply(PlyNodes):
         )
         force[~self.active] = 0.0
         self.loads = DeadLoads(force, self.nodes.rest, self.nodes.num_nodes_owned)
-        self.further: list[Item] = []
+        share = self.network.fabric.out_of_plane_twisting
+        self.further: list[Item] = [Twist(self, share)] if share and self.dim == 3 else []
         self.cuts: Mapping[str, shapely.Polygon] = {}
 
     def with_shear_law(self, law: Potential) -> Ply:
@@ -65,7 +75,10 @@ class Ply(PlyNodes):
     @property
     def items(self) -> list[Item]:
         """What adds to equilibrium."""
-        return [self.cruciforms, self.bends, self.loads, *self.further]
+        items: list[Item] = [self.cruciforms]
+        if isinstance(self.cruciforms, SlidingCruciforms) and self.slides is not None:
+            items += [self.cruciforms.sliding, self.slides]
+        return [*items, self.bends, self.loads, *self.further]
 
     def shear_angle_max(self, state: Placed) -> float:
         """Largest shear angle of a crossover, radians. Collective."""
@@ -73,14 +86,20 @@ class Ply(PlyNodes):
         return most(self.comm, angles[self.carrying(state)[self.cruciforms.rows]], 0.0)
 
     def dissipated(self, state: Placed) -> dict[str, float]:
-        """What viscosity and friction of shear have dissipated up to an accepted state, J.
+        """What shear and yarns that slide have dissipated up to an accepted state, J.
 
-        By its name, "in_shear"; of an elastic cloth none. Collective.
+        By its name, "in_shear", "in_slip"; of an elastic cloth none. Collective.
         """
-        if not self.network.fabric.remembers:
-            return {}
-        spent = state.memory.get(self.cruciforms.name, {}).get("spent", np.zeros(1))
-        return {"in_shear": self.comm.allreduce(float(spent.sum()))}
+        items: dict[str, Item] = {}
+        if self.network.fabric.remembers:
+            items["in_shear"] = self.cruciforms
+        if self.slides is not None:
+            items["in_slip"] = self.slides
+        spent = {how: state.memory.get(item.name, {}).get("spent") for how, item in items.items()}
+        return {
+            how: self.comm.allreduce(0.0 if of_items is None else float(of_items.sum()))
+            for how, of_items in spent.items()
+        }
 
     def carrying(self, state: Placed) -> np.ndarray:
         """Which of this rank's crossovers carry load, bool (n_owned,)."""
@@ -103,6 +122,8 @@ class Ply(PlyNodes):
         warp, weft = c.mean(stretch - 1.0, 0), c.mean(stretch - 1.0, 1)
         tension = fabric.tension(1.0 + np.stack([warp, weft], axis=-1))[1]
         energy = np.concatenate([c.work(state, ENERGY, rows)[0] for rows in c.chunks()])
+        if isinstance(c, SlidingCruciforms):
+            energy[:, 0] = c.tension_energy(state)
         bent = np.zeros((nodes.num_nodes_local, len(self.bends.modes)))
         for rows in self.bends.chunks():
             values = self.bends.work(state, ENERGY, rows)[0]
@@ -117,7 +138,7 @@ class Ply(PlyNodes):
             wide[c.rows] = values
             return wide
 
-        return {
+        fields = {
             "displacement": self.displacement(state)[0],
             "arm_strain": spread(stretch - 1.0),
             "arm_rotation": spread(rotation),
@@ -131,3 +152,8 @@ class Ply(PlyNodes):
             **{f"{mode}_energy": bent[:, i] for i, mode in enumerate(self.bends.modes)},
             "carrying": self.carrying(state),
         }
+        if self.slides is not None:
+            for name, values in self.slides.fields(state).items():
+                fields[name] = np.zeros((n, *values.shape[1:]), values.dtype)
+                fields[name][self.slides.rows] = values
+        return fields

@@ -9,6 +9,9 @@ from ..parallel import DistributedNodes, send_by_rank
 from .lattice import ARM_STEP, pack_key
 from .network import Network
 
+# Steps to the eight crossovers around one.
+AROUND = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
+
 
 class Nodes(DistributedNodes):
     """Arm ends and hinges of a network as one distributed set of nodes. Collective.
@@ -19,6 +22,11 @@ class Nodes(DistributedNodes):
     ----------
     dim : int
         In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
+    around : bool
+        The hinges of all eight crossovers around this rank's are known.
+    slides : bool
+        Whether crossovers have a second node each, which lies there at rest and is no place: its
+        components along warp and weft are how far these yarns have slid through the hinge.
 
     Attributes
     ----------
@@ -27,6 +35,10 @@ class Nodes(DistributedNodes):
     of_hinge : int (n_owned crossovers,)
     after_hinge : int (n_owned crossovers, 2)
         Hinge of the next crossover along the warp and along the weft yarn; -1 where none is joined.
+    of_slide : int (n_owned crossovers,)
+        With ``slides``: the second nodes.
+    beside_slide : int (n_owned crossovers, 4)
+        With ``slides``: those of the crossovers that arms 1 to 4 are joined to, else -1.
     crossing : int (2, n_local, 2)
         At hinges: the ends of the yarn that crosses the warp, and the weft, there, in its
         direction; -1 at other nodes. Next hinges that are ghosts have them in space only. Where
@@ -40,7 +52,7 @@ class Nodes(DistributedNodes):
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
     """
 
-    def __init__(self, network: Network, dim: int = 2):
+    def __init__(self, network: Network, dim: int = 2, around: bool = False, slides: bool = False):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         joined = network.arm_is_shared[:, :2]
@@ -51,6 +63,16 @@ class Nodes(DistributedNodes):
         owned_key = np.union1d(owned_key, hinge_key)
         ghost_key = np.concatenate([end_ghost, next_key[away]])
         ghost_owner = np.concatenate([network.ghost_owner, network.partition.owner(there[away])])
+        slide_key, beside_key = hinge_key[:0], np.zeros((0, 4), np.int64)
+        if slides:
+            # The crossovers as places on their weft yarns; hinges are those on the warp yarns.
+            near = ij[:, None] + ARM_STEP
+            slide_key = pack_key(1, ij[:, 0], 4 * ij[:, 1])
+            beside_key = pack_key(1, near[..., 0], 4 * near[..., 1])
+            away = network.arm_is_shared & ~network.partition.in_box(near, network.comm.rank)
+            owned_key = np.union1d(owned_key, slide_key)
+            ghost_key = np.concatenate([ghost_key, beside_key[away]])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near[away])])
         super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
         cells = np.zeros((0, 8), np.int64)
@@ -61,9 +83,19 @@ class Nodes(DistributedNodes):
             ghost_key = np.concatenate([ghost_key, more[:, 0]])
             ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
+        if around:
+            near = (ij[:, None] + AROUND).reshape(-1, 2)
+            near = near[~network.partition.in_box(near, network.comm.rank)]
+            near = near[network.has_crossover(near)]
+            ghost_key = np.concatenate([ghost_key, pack_key(0, near[:, 1], 4 * near[:, 0])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near)])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)
         self.after_hinge = np.where(joined, self.find(next_key), np.int32(-1))
+        self.of_slide = self.find(slide_key)
+        joined = network.arm_is_shared[: len(beside_key)]
+        self.beside_slide = np.where(joined, self.find(beside_key), np.int32(-1))
         crossing = np.full((self.num_nodes_local, 2, 2), np.int64(-1))
         crossing[self.of_hinge] = ends
         if dim == 3:
@@ -74,9 +106,14 @@ class Nodes(DistributedNodes):
         self.rest = np.zeros((self.num_nodes_local, dim))
         self.rest[self.of_network_node, :2] = network.node_position
         self.rest[self.of_hinge, :2] = network.crossover_position
+        self.rest[self.of_slide, :2] = network.crossover_position[: len(self.of_slide)]
         self.halo.forward(self.rest)
         self.frame = np.tile(np.eye(dim), (self.num_nodes_local, 1, 1))
         self.frame[:, :2, :2] = network.to_lab(np.eye(2))
+
+    def find_hinges(self, ij: np.ndarray) -> np.ndarray:
+        """Local nodes of the crossovers at lattice points (n, 2); -1 where unknown here."""
+        return self.find(pack_key(0, ij[:, 1], 4 * ij[:, 0]))
 
     def _crossing_elsewhere(self, network, hinge_key, next_key, joined, ends) -> np.ndarray:
         """Keys and owners (m, 2) of other ranks' arm ends that cross at next hinges. Collective.

@@ -767,10 +767,13 @@ def determines(case: Case) -> dict[str, Any]:
     fabric = asdict(case.fabric())
     for name in ("name", "source", "weave"):
         fabric.pop(name)
+    if fabric["biaxial_law"] is not None:
+        fabric["biaxial_law"].pop("points")  # the law that was found from them is there
     data = case.model_dump() | {"fabric": fabric}
     for name in ("title", "continuum", "solver", "output"):
         data.pop(name)
-    data["test"].pop("increments", None)
+    for key in ("increments", "step"):
+        data["test"].pop(key, None)
     for stage in data.get("stage", []):
         stage.pop("step")
     data["preform"]["outline"]["file"] = case.preform_table.outline.drawn

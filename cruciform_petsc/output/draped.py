@@ -45,7 +45,7 @@ def summarize(case: Case, draping: Draping, statistics: Mapping[str, Any]) -> di
         "network": dict(statistics),
         "case": case.model_dump(),
         **provenance(draping.network.comm),
-        **draping.figures(),
+        **draping.results(),
     }
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..experiments.net_kinematics import net_angle
-from ..parallel import least, most
+from ..parallel import least, most, on_root
 from ..quantities import EXTENSION, LOAD, energy_unit, force_unit, quantity
 from . import pictures
 from .sample import sample_map, sample_yarns
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
 CLOSED_FORM = "closed form, yarns neither stretch nor bend"
 STAGES = 4  # states side by side
+MOST_FRAMES = 40  # of an animation
 
 Drawn = dict[str, "partial[Figure]"]  # what draws a picture, by the name of its file
 
@@ -134,9 +135,14 @@ def figures(
         membrane = membranes[-1].evaluate(result.network.crossover_position)["shear_angle"]
     drawn: Drawn = {"yarns.png": _yarns(result, title)}
     # Of a cloth that does not shear there is nothing to see but its curve.
-    if len(result.states) > 1 and experiment.finite and experiment.colour == "shear angle":
+    moves = experiment.colour == "shear angle" or experiment.slip is not None
+    if len(result.states) > 1 and experiment.finite and moves:
         drawn["stages.png"] = _stages(result, title)
+    if result.buckling is not None:
+        drawn |= _stability(result, title)
     drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
+    if experiment.finite and result.network.fabric.biaxial_law is not None:
+        drawn["tension_surface.png"] = _surface(result, title)
     if experiment.has_zones:
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
     maps, uniform = _maps(result, membrane, title)
@@ -187,11 +193,16 @@ def _told(title: str, what: str) -> str:
 
 
 def _yarns(result: TestResult, title: str) -> partial[Figure]:
-    values, label = None, pictures.ANGLE_LABEL
-    if result.experiment.colour == "tension":
-        values, label = list(_tensions(result).values()), "tension (N per yarn)"
+    values, label = _colours(result)
     text = _told(title, f"yarns at rest, grey, and at {when(result)}")
     return partial(pictures.yarns, [_panel("", result, values=values)], text, label=label)
+
+
+def _colours(result: TestResult, state: State | None = None) -> tuple[list | None, str]:
+    """What yarns of a state, the last, are coloured by, as sample_yarns takes it, and its label."""
+    if result.experiment.colour == "tension":
+        return list(_tensions(result, state).values()), "tension (N per yarn)"
+    return None, pictures.ANGLE_LABEL
 
 
 def _stages(result: TestResult, title: str) -> partial[Figure]:
@@ -202,8 +213,37 @@ def _stages(result: TestResult, title: str) -> partial[Figure]:
         state = result.states[i]
         name = when(result, state)
         load = "" if result.experiment.control == "load" else f"\n{state.load:.3g} N"
-        panels.append(_panel(name + load, result, state))
-    return partial(pictures.yarns, panels, title, before=False)
+        values, label = _colours(result, state)
+        panels.append(_panel(name + load, result, state, values))
+    return partial(pictures.yarns, panels, title, before=False, label=label)
+
+
+def draw_animation(result: TestResult, path: str | Path, title: str = "") -> None:
+    """Write the yarns of a finite test, all its increments or so many evenly, as a GIF. Collective.
+
+    InputError on every rank if it cannot be written.
+    """
+    count = max(len(result.increments), len(result.states))
+    chosen = set(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int).tolist())
+    label, panels = "", []
+    for number, state in enumerate(result.every_state()):
+        if number not in chosen:
+            continue
+        values, label = _colours(result, state)
+        panels.append(_panel(when(result, state), result, state, values))
+    title = pictures.plain_text(title)
+
+    def draw() -> None:
+        from matplotlib import rc_context
+
+        with rc_context(pictures.STYLE):
+            pages = (
+                pictures.yarns([panel], title, before=False, label=label, among=panels)
+                for panel in panels
+            )
+            pictures.save_animation(path, pages)
+
+    on_root(result.network.comm, draw)
 
 
 # -- curves -------------------------------------------------------------------------------------
@@ -296,6 +336,33 @@ def _shear_force(
     return partial(pictures.curves, lines, labels, title, guides=guides)
 
 
+def _stability(result: TestResult, title: str) -> Drawn:
+    """Modes on the cloth at rest, and the lowest stiffness on the way."""
+    experiment, buckling = result.experiment, result.buckling
+    column, drawn = quantity("lowest_stiffness_Pa_per_mm"), Drawn()
+    if buckling is not None and buckling.modes:
+        shapes = [mode.fields["displacement"] for mode in buckling.modes]
+        space = experiment.space
+        values = {
+            f"mode {i}": shape[:, 2] if space else np.linalg.norm(shape, axis=1)
+            for i, shape in enumerate(shapes, 1)
+        }
+        what = "out of the plane" if space else "in the plane"
+        sample: Any = sample_map(result.network, values)  # on rank 0, which draws it
+        label = f"displacement {what} (largest: 1)"
+        at = "where the cloth becomes unstable" if buckling.passed else "linearised, at rest"
+        drawn["mode.png"] = partial(pictures.maps, sample, label, _told(title, at))
+    curve, own = result.curve(), experiment.column
+    control = own.scale * curve[own.column]
+    sized = own.sized_for(control)
+    line = {"lowest stiffness": (control / sized.scale, curve[column.column])}
+    marks = curve["critical"] > 0.0
+    draw = partial(pictures.curves, line, (sized.axis, f"lowest stiffness ({column.unit})"), title)
+    points = {"critical": (control[marks] / sized.scale, curve[column.column][marks])}
+    drawn["lowest_stiffness.png"] = partial(draw, points=points if marks.any() else {})
+    return drawn
+
+
 def _energies(
     experiment: Experiment, curve: Mapping[str, np.ndarray], title: str
 ) -> partial[Figure]:
@@ -305,9 +372,10 @@ def _energies(
     if not experiment.bending:
         del names["bending"]
     parts = {name: curve[f"energy_{mode}_J"] for mode, name in names.items()}
-    spent, what = "dissipated_in_shear_J", "strain energy"
-    if spent in curve:
-        parts["dissipated in shear"], what = curve[spent], "energy"
+    what = "strain energy"
+    for spent in ("dissipated_in_shear_J", "dissipated_in_slip_J"):
+        if spent in curve:
+            parts[quantity(spent).name], what = curve[spent], "energy"
     unit, joule = energy_unit(sum(parts.values()))
     parts = {name: part / joule for name, part in parts.items()}
     own = experiment.column
@@ -315,6 +383,19 @@ def _energies(
     column = own.sized_for(control)
     labels = column.axis, f"{what} ({unit})"
     return partial(pictures.stacked, control / column.scale, parts, labels, title)
+
+
+def _surface(result: TestResult, title: str) -> partial[Figure]:
+    """Both tensions of the law over both strains, and the way of the cloth's mean strains there."""
+    comm, law = result.network.comm, result.network.fabric.biaxial_law
+    assert law is not None
+    way = [(0.0, 0.0)]
+    for state in result.states:
+        carrying = state.fields["carrying"]
+        sums = [state.fields[f"{name}_strain"][carrying].sum() for name in ("warp", "weft")]
+        warp, weft, count = comm.allreduce(np.array([*sums, carrying.sum()]))
+        way.append((warp / max(count, 1), weft / max(count, 1)))
+    return partial(pictures.tension_surface, law, np.array(way), title)
 
 
 def _zones(experiment: Experiment, curve: Mapping[str, np.ndarray], title: str) -> partial[Figure]:
@@ -417,9 +498,9 @@ def uniform_text(
     return f"{what}: uniform, {', '.join(told)}."
 
 
-def _tensions(result: TestResult) -> dict[str, np.ndarray]:
-    """Tensions of the yarns at the crossovers, N, by family."""
-    fields, fabric = result.fields, result.network.fabric
+def _tensions(result: TestResult, state: State | None = None) -> dict[str, np.ndarray]:
+    """Tensions of the yarns at the crossovers in a state, the last, N, by family."""
+    fields, fabric = (state or result.states[-1]).fields, result.network.fabric
     return {
         name: np.where(
             fields["carrying"], fields[f"{name}_tension"] / getattr(fabric, name).yarns, np.nan

@@ -37,8 +37,9 @@ OF_RUN = (
     "forces.csv", "fields.csv", "tools.vtkhdf",
     "outline.csv", "outline.svg", "outline.dxf", "net_pattern.csv",
     "net_pattern.dxf",
-    "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png",
-    "scene.png", "yarns.png", "stages.png", "energy.png",
+    "animation.gif", "formed.png", "wrinkles.png", "tool_forces.png", "draw_in.png", "shadow.png",
+    "mode.vtkhdf", "mode.png", "lowest_stiffness.png",
+    "scene.png", "yarns.png", "stages.png", "energy.png", "tension_surface.png",
     "zones.png", "shear_map.png", "tension_map.png", "wrinkle_map.png", "centre_line.png",
     "ladder.png", "shear_against_load.png", "shear_force.png",
     "with_and_without_bending.png", "tension_against_strain.png",
@@ -50,8 +51,9 @@ OF_CALIBRATION = (
 )  # fmt: skip
 OF_COMPARISON = ("comparison.json", "comparison.png")
 OF_SWEEP = ("sweep.csv", "sweep.png")
+OF_KILBY = ("kilby.json", "kilby.csv", "kilby.png")
 LOG = "run.log"  # of each command that solves; the next one of its kind begins it anew
-KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, LOG, CHECKPOINT, PUT_ASIDE)
+KNOWN = (*OF_RUN, *OF_CALIBRATION, *OF_COMPARISON, *OF_SWEEP, *OF_KILBY, LOG, CHECKPOINT, PUT_ASIDE)
 
 # Folders that this process (of rank 0) has locked, by their real paths: handle, and names of what
 # the program has written there.

@@ -11,11 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import shapely
 
 from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.drape import Drape
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
@@ -166,6 +168,11 @@ def table_of(
             ]
     for edge in drawn[-1] if drawn else ():
         columns[f"draw_in_{edge}_mm"] = [MM * of[edge] for of in drawn]
+    if any(step.softest is not None for step in steps):
+        column = quantity("lowest_stiffness_Pa_per_mm")
+        columns[column.column] = [
+            np.nan if step.softest is None else step.softest / column.scale for step in steps
+        ]
     columns["newton_iterations"] = [step.increment.iterations for step in steps]
     columns["seconds"] = [step.increment.seconds for step in steps]
     return columns
@@ -237,8 +244,10 @@ def summarize(
         "penetration_max_mm": MM * deepest,
         **Waves.of(blank, state).figures(blank, fields),
         "energy_j": energy,
+        **({} if last.softest is None else {"lowest_stiffness_pa_per_mm": 1e-3 * last.softest}),
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
+        **forming.figures(formed),
     }
     if forming.draped is not None:
         summary["fishnet"] = forming.draped.figures()
@@ -270,6 +279,10 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         log.info("%-13s forces and energies are those of the part that is modelled", "symmetry")
     text = "{shear_max_deg:.2f} deg at most, 99 % of crossovers up to {shear_p99_deg:.2f} deg"
     log.info("shear angle   %s", text.format_map(summary))
+    if "drape" in summary:
+        log.info("drape         %s", _drape_text(summary["drape"]))
+    if "inflation" in summary:
+        log.info("inflation     %s", _inflation_text(summary["inflation"]))
     drawn = ", ".join(f"{edge} {mm:.4g} mm" for edge, mm in summary["draw_in_mm"].items())
     log.info("draw-in       %s", drawn)
     told = "%s%.3g mm high at most, %.3g %% of the cloth"
@@ -294,6 +307,25 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     tell_assumed(log, summary)
     log.info("memory        %.0f MiB on the largest rank", max(summary["peak_mib_per_rank"]))
     log.info("results in    %s", directory)
+
+
+def _drape_text(told: Mapping[str, Any]) -> str:
+    text = f"coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        text += f", {told['folds']} folds, {told['fold_depth_mm']:.3g} mm deep in the mean"
+    if told["change_while_at_rest"] is not None:
+        text += f"; {told['change_while_at_rest']:+.2g} points while it came to rest"
+    return text
+
+
+def _inflation_text(told: Mapping[str, Any]) -> str:
+    tension = max(told[f"{family}_tension_max_n_per_cm"][-1] for family in ("warp", "weft"))
+    text = f"at {format_si(told['pressure_pa'][-1], 'Pa')} the net rises by "
+    text += f"{told['rise_mm'][-1]:.4g} mm, over {told['volume_m3'][-1]:.4g} m^3, tension up to "
+    text += f"{tension:.4g} N/cm"
+    if "force_densities" in told:
+        text += f"; the form of force densities {told['force_densities']['rise_mm']:.4g} mm"
+    return text
 
 
 # -- fields ----------------------------------------------------------------------------------------
@@ -411,9 +443,25 @@ def figures_of(
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
         **_flat_maps(forming, last, height, title),
+        **_modes(forming, formed, title),
         **_wrinkles(forming, last, height, title),
+        **(_shadow(forming, formed, title) if isinstance(forming, Drape) else {}),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
+
+
+def _modes(forming: Forming, formed: Formed, title: str) -> dict[str, partial[Figure]]:
+    """The softest shapes of the last state, on the flat blank. Collective."""
+    if formed.modes is None:
+        return {}
+    at = forming.blank.cloth_at[forming.blank.ply.nodes.of_hinge]
+    sizes = {
+        f"mode {i}": np.linalg.norm(shape[at], axis=1)
+        for i, shape in enumerate(formed.modes.shapes, 1)
+    }
+    sample: Any = sample_map(forming.network, sizes)  # on rank 0, which draws it
+    label, text = "displacement, size (largest: 1)", f"{title}\nsoftest shapes at the end".strip()
+    return {"mode.png": partial(pictures.maps, sample, label, text)}
 
 
 def curves_of(
@@ -456,6 +504,27 @@ def curves_of(
     energies = {name: energy / joule for name, energy in energies.items()}
     labels = axis, f"energy ({unit})"
     return drawn | {"energy.png": partial(pictures.stacked, time, energies, labels, title)}
+
+
+def _shadow(forming: Drape, formed: Formed, title: str) -> dict[str, Any]:
+    """The picture of what a drape test's instrument shows. Collective."""
+
+    def rings(shape: shapely.Geometry | None) -> list[list[np.ndarray]]:
+        pieces = [] if shape is None else shapely.get_parts(shape)
+        return [
+            [MM * shapely.get_coordinates(ring) for ring in (piece.exterior, *piece.interiors)]
+            for piece in pieces
+        ]
+
+    shadow, flat = (rings(forming.shadow(s)) for s in (formed.states[-1], forming.blank.start()))
+    told = forming.figures(formed)["drape"]
+    words = f"{title}: drape coefficient {told['coefficient_percent']:.1f} %"
+    if "folds" in told:
+        words += f", {told['folds']} folds"
+    disc = MM * forming.test.support_radius.si
+    warp = float(np.arctan2(*forming.network.preform.warp_direction[::-1]))
+    draw = partial(pictures.shadow, shadow, flat[0] if flat else [], disc, warp, words)
+    return {"shadow.png": draw}
 
 
 def view_of(forming: Forming, formed: Formed) -> View:

@@ -18,7 +18,8 @@ import shapely
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..experiments.result import TestResult
+from ..experiments.registry import forms, in_space
+from ..experiments.result import EFFORT, TestResult
 from ..forming.forming import Formed
 from ..quantities import quantity, si_text
 from ..units import format_si
@@ -87,16 +88,17 @@ def _(shown: Formed) -> str:
 def _(shown: Result) -> str:
     curve, summary = shown.curve(), shown.summary
     rows = [("kind", shown.kind), ("folder", str(shown.folder))]
-    rows += _of_forming(curve) if shown.kind == "forming" else _last(shown.curve(states=True))
+    rows += _of_forming(curve) if forms(shown.kind) else _last(shown.curve(states=True))
     warnings = [str(sentence) for sentence in summary.get("warnings", [])]
     text = [f"Ended early: {shown.ended_early}"] if shown.ended_early else []
     title = str(summary.get("title", "")) or shown.folder.name
-    return _page([title, ""], rows, text + warnings, _plotted(shown))
+    curved = forms(shown.kind) or not in_space(shown.kind)
+    return _page([title, ""], rows, text + warnings, _plotted(shown) if curved else "")
 
 
 def _last(curve: Mapping[str, np.ndarray]) -> list[tuple[str, str]]:
     """The last row of a test's curve: names with units, and values; energies as their sum."""
-    last: dict[str, Any] = {name: values[-1:] for name, values in curve.items() if name != "asked"}
+    last: dict[str, Any] = {name: v[-1:] for name, v in curve.items() if name not in EFFORT}
     energy = sum(last.pop(name) for name in list(last) if name.startswith("energy_"))
     table = report.curve_table(last | {"energy_J": energy})
     return list(zip(table.heads, *table.rows, strict=True))

@@ -20,7 +20,7 @@ from .. import __version__, process
 from ..cloth.datasheet import assumed_shear
 from ..errors import CruciformError
 from ..parallel import on_root
-from ..quantities import angle_text, force_text, quantity, tension_text
+from ..quantities import Quantity, angle_text, force_text, quantity, tension_text
 from ..solvers.options import blas_in_use
 from ..units import format_si
 from .folder import LOG, claim, explaining
@@ -185,12 +185,22 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
     found = {where: last(summary.get(key, np.nan)) for where, key in angles.items()}
     texts = [f"{angle_text(v)} {where}" for where, v in found.items() if np.isfinite(v)]
     yield "shear angle", ", ".join(texts)
+    yield from stability_texts(summary, control)
     yield "yarn tension", tension_text(summary["yarn_tension_max"])
     energies = {mode: last(value) for mode, value in summary["energy_j"].items()}
     total = sum(energies.values())
     shares = {mode: round(100 * e / (total or 1.0), 1) + 0.0 for mode, e in energies.items()}
     texts = [f"{mode.replace('_', ' ')} {share:.1f} %" for mode, share in shares.items()]
     yield "energy", f"{1e3 * total:.4g} mJ: {', '.join(texts)}"
+
+
+def stability_texts(summary: Mapping[str, Any], control: Quantity) -> Iterator[tuple[str, str]]:
+    """Names and words of critical states, and of what the linearised problem foretells."""
+    found = summary.get("stability", {"critical": [], "linear": []})
+    for key, name in (("critical", "unstable from"), ("linear", "linearised")):
+        for state in found[key]:
+            at = control.value_text(state[control.column.lower()] * control.scale)
+            yield name, f"{control.short} {at}, load {force_text(state['load_n'])}"
 
 
 def _comparisons(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -115,6 +115,23 @@ def write_series(path: str | Path, result: TestResult, notes: Notes | None = Non
     write_by_rank(network.comm, path, steps, notes, times)
 
 
+MODE_SIZE = 0.1  # of the cloth's shorter side: the largest displacement of a mode that is drawn
+
+
+def write_modes(path: str | Path, result: TestResult, notes: Notes | None = None) -> None:
+    """Write the modes of a test's stability to one ``.vtkhdf`` file. Collective.
+
+    As `write_series`, with the number of the mode, from 1 up, as time. Displacements are from rest,
+    the largest is MODE_SIZE of the cloth's shorter side.
+    """
+    network, modes = result.network, result.buckling.modes if result.buckling else []
+    size = MODE_SIZE * float(network.preform.size.min())
+    shown = (mode.scaled(size) for mode in modes)
+    times = np.arange(1.0, 1.0 + len(modes))
+    notes = {**(notes or {}), "time_is": "mode"}
+    write_by_rank(network.comm, path, (arrays(network, s) for s in shown), notes, times)
+
+
 def arrays(network: Network, state: State) -> dict[str, np.ndarray]:
     """Arrays of this rank's partition by their names in the file. Collective.
 

@@ -27,9 +27,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpi4py import MPI
 
+    from ..tension import BiaxialLaw
+
     Given = Axes | Sequence[Axes] | None  # to draw into
 
 Values = Sequence[float] | np.ndarray
+Rings = Sequence[np.ndarray]  # corners (n, 2) of each
 Curves = Mapping[str, tuple[Values, Values]]  # (x, y) by label
 
 STYLE: dict[str, Any] = {
@@ -58,6 +61,7 @@ MANY_POINTS = 40  # curves with more points have dashes instead of markers
 ANGLE_LABEL = "shear angle (°)"
 SIZE_LABEL = "shear angle, absolute (°)"
 ROUNDING_DEG = 1e-6  # angles below are none
+MILLISECONDS, DPI_ANIMATED = 400, 80  # of each picture of an animation
 FLAT = 3.0  # width over height of specimens that are drawn one below the other
 _new_figure: ContextVar[Callable[..., Any] | None] = ContextVar("_new_figure", default=None)
 HEIGHT, WIDEST = 5.2, 6.4  # inches: of a specimen, and of all side by side over the root of them
@@ -119,6 +123,30 @@ def figure_of(**options: Any) -> Figure:
     return (_new_figure.get() or Figure)(**options)
 
 
+def save_animation(path: str | Path, figures: Iterable[Figure]) -> None:
+    """Write figures of one size, the last of which has all colours, as a GIF that repeats.
+
+    Not collective; to be called, as figures are drawn, in rc_context(STYLE).
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    pages = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        figure.set_dpi(DPI_ANIMATED)
+        wrap_titles(figure)
+        canvas.draw()
+        pages.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
+    palette = pages[-1].quantize()  # one for all: each has the colour bar
+    pages = [page.quantize(palette=palette) for page in pages]
+    pause = [MILLISECONDS] * (len(pages) - 1) + [3 * MILLISECONDS]
+    with written_whole(path) as temporary:
+        pages[0].save(
+            temporary, format="GIF", save_all=True, append_images=pages[1:], duration=pause, loop=0
+        )
+
+
 def wrap_titles(figure: Figure, of: Iterable[Axes] | None = None) -> None:
     """Break titles that are wider than what they stand over: axes, or the whole figure.
 
@@ -150,20 +178,22 @@ def yarns(
     before: bool = True,
     label: str = ANGLE_LABEL,
     ax: Given = None,
+    among: Sequence[tuple[str, YarnSample, np.ndarray]] | None = None,
 ) -> Figure:
     """Draw yarns in the colours of their values, side by side in true scale: figures 6 and 9b.
 
     Each panel has its title and clamps: segments (n, 2, 2) with the cloth on their left, drawn as
     hatched bars. ``before``: the yarns at rest too, thin and grey. ``label`` tells what the values
-    are; they have one colour scale.
+    are; they have one colour scale. ``among``: panels that have it, and their place, in common.
     """
     from matplotlib.collections import LineCollection, PolyCollection
 
-    samples = [sample for _, sample, _ in panels]
+    every = panels if among is None else among
+    samples = [sample for _, sample, _ in every]
     points = [s.after for s in samples] + [s.before for s in samples if before]
     thickness = bar_width(*bounds(points))
+    points += [bar_corners(clamps, thickness).reshape(-1, 2) for _, _, clamps in every]
     bars = [bar_corners(clamps, thickness) for _, _, clamps in panels]
-    points += [corners.reshape(-1, 2) for corners in bars]
     figure, axes, points_per_metre = _panels(*bounds(points), [name for name, _, _ in panels], ax)
     colours = colour_scale([sample.values for sample in samples])
     for panel, (_, sample, clamps), corners in zip(axes, panels, bars, strict=True):
@@ -189,9 +219,9 @@ def yarns(
             panel.add_collection(edges)
     colour_bar(axes, colours, label)
     head(axes, title, ax)
-    every = max(sample.every for sample in samples)
-    if every > 1:
-        note = f"1 in {every} yarns drawn"
+    drawn = max(sample.every for sample in samples)
+    if drawn > 1:
+        note = f"1 in {drawn} yarns drawn"
         own: dict[str, Any] = {"transform": axes[0].transAxes} if ax is not None else {}
         (figure if ax is None else axes[0]).text(
             0.01, -0.01, note, fontsize=9, color="0.4", va="top", **own
@@ -328,9 +358,9 @@ def head(axes: Sequence[Axes], title: str, ax: Given = None) -> None:
 
 
 def bounds(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest coordinates of arrays of points (n, d)."""
+    """Lowest and highest coordinates of arrays of points (n, d), NaN left out."""
     together = np.concatenate(list(points))
-    return together.min(axis=0), together.max(axis=0)
+    return np.nanmin(together, axis=0), np.nanmax(together, axis=0)
 
 
 # -- colours ------------------------------------------------------------------------------------
@@ -423,6 +453,43 @@ def curves(
     _include_zero(axes)
     if guides is not None or before + len(lines) + len(points) > 1:
         axes.legend()
+    return figure
+
+
+def shadow(
+    parts: Sequence[Rings], flat: Rings, disc: float, warp: float, title: str, ax: Given = None
+) -> Figure:
+    """Draw a draped cloth's shadow as the instrument shows it, mm.
+
+    Parameters
+    ----------
+    parts : sequence of rings
+        Of each piece its outline and holes, float (n, 2).
+    flat : rings
+        Of the flat cloth.
+    disc : float
+        Radius of what it lies on.
+    warp : float
+        Angle of the warp from x, radians.
+    """
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    def patch(rings: Rings, **style: Any) -> PathPatch:
+        return PathPatch(Outline.make_compound_path(*map(Outline, rings)), **style)
+
+    figure, (axes,) = _curve_axes([("x (mm)", "y (mm)")], title, (5.2, 5.0), ax)
+    axes.grid(False)
+    for rings in parts:
+        axes.add_patch(patch(rings, facecolor="0.25", edgecolor="none"))
+    axes.add_patch(patch(flat, fill=False, edgecolor="0.5", linestyle="--", linewidth=0.9))
+    around = np.linspace(0.0, 2.0 * np.pi, 181)
+    axes.plot(disc * np.cos(around), disc * np.sin(around), color="white", linewidth=1.0)
+    size = 1.05 * max(np.abs(ring).max() for ring in flat)
+    x, y = 0.6 * disc * np.cos(warp), 0.6 * disc * np.sin(warp)
+    axes.annotate("", (x, y), (-x, -y), arrowprops={"arrowstyle": "->", "color": "white"})
+    axes.annotate("warp", (x, y), color="white", xytext=(4, 0), textcoords="offset points")
+    axes.set(xlim=(-size, size), ylim=(-size, size), aspect="equal")
     return figure
 
 
@@ -521,6 +588,47 @@ def stacked(
     # Beside them, as they lie upon each other.
     beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if ax is None else {}
     axes.legend(reverse=True, **beside)
+    return figure
+
+
+def tension_surface(law: BiaxialLaw, way: np.ndarray, title: str = "") -> Figure:
+    """Draw tensions of warp and weft by both strains, and a way (n, 2) of strains over them.
+
+    Over the range of the points that the law was found from, drawn as discs, or else of the way.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    ends = law.strains
+    if not np.isfinite(ends).all():
+        seen = way if law.points is None else np.concatenate([way, law.points[:, :2]])
+        least = max(float(seen.max()), 1e-3)
+        ends = np.array([[min(column.min(), 0.0), max(column.max(), least)] for column in seen.T])
+    warp, weft = np.meshgrid(*(np.linspace(low, high, 101) for low, high in ends), indexing="ij")
+    names = ("warp", "weft")
+    labels = [("warp strain (%)", "weft strain (%)")] * 2
+    figure, every = _curve_axes(labels, "", (9.2, 4.2))
+    figure.suptitle(title)
+    tension = 1e-2 * law.evaluate(warp, weft)[1]  # N/cm
+    for k, (name, axes) in enumerate(zip(names, every, strict=True)):
+        values, points = tension[..., k], law.points
+        measured = np.zeros(0) if points is None else 1e-2 * points[:, 2 + k]
+        low = min(values.min(), measured.min(initial=0.0))
+        high = max(values.max(), measured.max(initial=0.0))
+        colours = ScalarMappable(Normalize(low, high), "viridis")
+        on = (100 * warp, 100 * weft, values, 12)
+        axes.contourf(*on, cmap=colours.cmap, norm=colours.norm)
+        lines = axes.contour(*on, colors="w", linewidths=0.5)
+        axes.clabel(lines, fontsize=7.5)
+        if points is not None:
+            axes.scatter(
+                100 * points[:, 0], 100 * points[:, 1], 26, colours.to_rgba(measured),
+                edgecolors="k", linewidths=0.6, clip_on=False, zorder=4,
+            )  # fmt: skip
+        axes.plot(*(100 * way.T), color="#D55E00", linewidth=2.0, zorder=5)
+        axes.set(xlim=100 * ends[0], ylim=100 * ends[1])
+        axes.grid(visible=False)
+        figure.colorbar(colours, ax=axes, label=f"tension of the {name} (N/cm)", aspect=30)
     return figure
 
 

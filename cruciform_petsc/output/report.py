@@ -27,7 +27,7 @@ from ..quantities import (
     tension_text,
 )
 from ..units import format_si
-from .log import last
+from .log import last, stability_texts
 from .tables import written_whole
 from .view import View, packed, view_of_test
 from .view import script as viewer
@@ -54,8 +54,15 @@ MAPS = {  # {at}: the last value asked for
     "with_and_without_bending.png": "The same with and without yarns that resist bending.",
 }
 CAPTIONS = MAPS | {  # and Experiment.captions
+    "mode.png": "Shape of the cloth where it becomes unstable, or of the linearised problem, at "
+    "rest; its size is arbitrary.",
+    "lowest_stiffness.png": "Lowest stiffness: where it is zero the cloth becomes unstable, below "
+    "it would leave its state.",
     "energy.png": "Strain energy: tension, shear, yarn bending.",
+    "tension_surface.png": "Tensions of the cloth by both strains: colours are the law's, discs "
+    "(of a surface) what was measured, the line where this test has been, in the mean.",
     "tool_forces.png": "Forces of the tools on the cloth, upwards.",
+    "shadow.png": "Shadow of the draped cloth on the disc, and the flat cloth (dashed).",
     "draw_in.png": "How far the edges have moved inwards in plan, at most.",
     "zones.png": "Shear angle of the zones, with the kinematics of an inextensible net.",
     "centre_line.png": "Shear angle along the specimen's long axis.",
@@ -66,6 +73,7 @@ FORMING_CAPTIONS = {
     "stages.png": "On the way there, in true scale and with one colour scale.",
     "shear_map.png": "Shear angle {at}, with its sign, drawn on the flat blank.",
     "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
+    "mode.png": "Softest shapes of the cloth among its tools at the end; their size is arbitrary.",
 }
 FISHNET_CAPTIONS = {
     "formed.png": "The blank laid on the tool, coloured by the size of the shear angle.",
@@ -304,6 +312,8 @@ def _key_figures(
         angle = last(summary.get(key, np.nan))
         if np.isfinite(angle):
             yield name, angle, angle_text(angle, "°")
+    for name, text in stability_texts(summary, experiment.column):
+        yield name, 1.0, _signed(text)
     energy = sum(last(value) for value in summary["energy_j"].values())
     shown = f"{energy:.4g} J" if abs(energy) >= 1.0 else f"{1e3 * energy:.4g} mJ"
     yield "strain energy", energy, shown
@@ -316,6 +326,12 @@ def _closed_form(summary: Mapping[str, Any]) -> str:
 
 def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, str]]:
     """The same of a forming."""
+    if "drape" in summary:
+        share = summary["drape"]["coefficient_percent"]
+        yield "drape coefficient", share, f"{share:.1f} %"
+    if "inflation" in summary:
+        rise = 1e-3 * summary["inflation"]["rise_mm"][-1]
+        yield "rise", rise, si_text(rise, "m")
     for name, (_, _, force) in summary["tool_force_n"].items():
         yield f"{name}, force along z", force, _signed(force_text(force))
     for name, key in (
@@ -323,7 +339,7 @@ def _forming_figures(summary: Mapping[str, Any]) -> Iterator[tuple[str, float, s
         ("shear angle that 99 % keep to", "shear_p99_deg"),
     ):
         yield name, summary[key], angle_text(summary[key], "°")
-    drawn = 1e-3 * max(summary["draw_in_mm"].values())
+    drawn = 1e-3 * max(summary["draw_in_mm"].values(), default=0.0)
     yield "largest draw-in", drawn, si_text(drawn, "m")
     height = 1e-3 * summary["wrinkles"]["largest_height_mm"]
     yield "largest height of wrinkles", height, si_text(height, "m")
@@ -475,6 +491,9 @@ def _formed_continuum(summary: Mapping[str, Any]) -> dict[str, Any] | None:
 def yarns(fabric: Fabric) -> Table:
     """What is known of both families of yarns."""
     sides = (fabric.warp, fabric.weft)
+    biaxial = fabric.biaxial_law
+    single = (fabric.warp_tension, fabric.weft_tension)
+    tension_laws = [law.name if biaxial is None else biaxial.name for law in single]
     laws = [side.out_of_plane_law for side in sides]
     rows = [
         ["modulus", *(format_si(side.modulus, "N/m") for side in sides)],
@@ -485,7 +504,7 @@ def yarns(fabric: Fabric) -> Table:
             "bending out of the plane, per width",
             *(format_si(law.stiffness0, "N*m") if law else "" for law in laws),
         ],
-        ["law of tension", fabric.warp_tension.name, fabric.weft_tension.name],
+        ["law of tension", *tension_laws],
     ]
     return Table([fabric.name, "warp", "weft"], rows)
 

@@ -26,7 +26,7 @@ class YarnSample:
     Attributes
     ----------
     before, after, lattice : float (n, 2)
-        Places at rest, now, and in the lattice (i, j).
+        Places at rest, now (NaN: the yarn has slid out of there), and in the lattice (i, j).
     values : float (n,)
         For the points' colours; NaN where a crossover carries nothing.
     family : int8 (n,)
@@ -158,11 +158,16 @@ def sample_yarns(
     if values is None:
         values = 2 * [np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)]
     rest = np.concatenate([network.crossover_position, network.node_position])
-    moved = np.concatenate([fields["displacement"], node_displacement])[:, :2]
+    place = rest + np.concatenate([fields["displacement"], node_displacement])[:, :2]
     every = _stride(network, limit)
     own = []
     for family, of_crossovers in enumerate(values):
         value = np.concatenate([of_crossovers, node_means(network, of_crossovers)])
+        moved = place
+        if "slid_out" in fields:
+            out = fields["slid_out"][:, family].astype(float)
+            gone = np.concatenate([out, node_means(network, out)]) > 1.0 - 1e-9
+            moved = np.where(gone[:, None], np.nan, place)
         *order, point = _points(network, family, every)
         families = np.full(len(point), family)
         own.append(np.column_stack([families, *order, rest[point], moved[point], value[point]]))
@@ -174,7 +179,7 @@ def sample_yarns(
     before = rows[:, 4:6]
     return YarnSample(
         before=before,
-        after=before + rows[:, 6:8],
+        after=rows[:, 6:8],
         lattice=network.to_yarn(before - network.origin) / network.pitch,
         values=rows[:, 8],
         family=rows[:, 0].astype(np.int8),

@@ -14,6 +14,7 @@ import numpy as np
 from ..case.schema import Case
 from ..drawn import Mapped, Plotted, Shown
 from ..errors import InputError
+from ..experiments.registry import forms, in_space
 from ..net.network import Network
 from ..quantities import data_frame
 from ..reading import read_json
@@ -83,7 +84,7 @@ class Result(Shown, Plotted, Mapped):
 
         Rows are all accepted increments; with ``states`` those that were asked for.
         """
-        columns = read_csv(self.folder / ("forces.csv" if self.kind == "forming" else "curve.csv"))
+        columns = read_csv(self.folder / ("forces.csv" if forms(self.kind) else "curve.csv"))
         rows = columns["asked"] > 0 if states and "asked" in columns else slice(None)
         return {name: column[rows] for name, column in columns.items()}
 
@@ -98,7 +99,7 @@ class Result(Shown, Plotted, Mapped):
         crossovers and then arm ends: ``points_m`` (n, 3) at rest, and all that is told of points.
         InputError if the case did not ask for that file (output.paraview).
         """
-        if self.kind in ("forming", "fishnet"):
+        if in_space(self.kind):
             return read_csv(self.folder / "fields.csv")
         import h5py
 

@@ -25,7 +25,6 @@ from ..errors import InputError
 from . import pictures
 from .folder import explaining
 from .sample import YarnSample
-from .tables import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
@@ -43,8 +42,7 @@ NEARER = 1.0  # of a piece of yarn: how far the cloth is moved towards it, tools
 AROUND = 0.1  # of the blank's size: how far around it tools are shown
 PIXELS = 1500  # of the larger side of the picture
 ELEVATION, TURN = np.deg2rad(52.0), np.deg2rad(18.0)  # of the camera, from across the long axis
-ANIMATED, DPI_ANIMATED = 0.5, 80  # share of PIXELS, dots an inch
-MILLISECONDS = 400  # each picture of an animation
+ANIMATED = 0.5  # share of PIXELS in an animation
 STEEL = (176, 181, 188)
 SECONDS = 300.0  # until rendering has failed
 
@@ -125,28 +123,16 @@ def animate(frames: Sequence[Frame], path: str | Path, title: str = "") -> None:
     InputError if nothing here can render.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
 
     images, extent, colours = _formed_images(frames, ANIMATED)
-    pages = []
-    with rc_context(pictures.STYLE):
-        for image, frame in zip(images, frames, strict=True):
-            text = f"{title}\n{frame.caption}".strip()
-            canvas = FigureCanvasAgg(
-                _page([image], extent, colours, text, [""], pictures.SIZE_LABEL)
-            )
-            canvas.figure.set_dpi(DPI_ANIMATED)
-            pictures.wrap_titles(canvas.figure)
-            canvas.draw()
-            pages.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]))
-    palette = pages[-1].quantize()  # one for all: each has the colour bar
-    pages = [page.quantize(palette=palette) for page in pages]
-    pause = [MILLISECONDS] * (len(pages) - 1) + [3 * MILLISECONDS]
-    with written_whole(path) as temporary:
-        pages[0].save(
-            temporary, format="GIF", save_all=True, append_images=pages[1:], duration=pause, loop=0
+    pages = (
+        _page(
+            [image], extent, colours, f"{title}\n{frame.caption}".strip(), [""], pictures.SIZE_LABEL
         )
+        for image, frame in zip(images, frames, strict=True)
+    )
+    with rc_context(pictures.STYLE):
+        pictures.save_animation(path, pages)
 
 
 def _formed_images(

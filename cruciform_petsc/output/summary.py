@@ -57,6 +57,8 @@ def summarize(case: Case, result: TestResult, statistics: Mapping[str, Any], han
         summary["increments"] = increment_rows(result.increments, experiment.forces)
         iterations = [increment.iterations for increment in result.increments]
         summary["newton_iterations_per_increment"] = float(np.mean(iterations))
+    if result.buckling is not None:
+        summary["stability"] = result.buckling.figures(experiment.column)
     summary |= {
         "network": {**statistics, "hanging_crossovers": hanging},
         "model": experiment.model,

@@ -61,6 +61,17 @@ class ClosedForm(Part):
     """Both in words, and why they differ."""
 
 
+class Stability(Part):
+    """Critical loads: the control of the test in its unit, and load_n, of each."""
+
+    linear: list[dict[str, float]]
+    """Of the linearised problem from rest, one for each mode."""
+    critical: list[dict[str, float]]
+    """Passed on the way, in order."""
+    mode_stiffness_pa_per_mm: list[float]
+    """What holds the modes at the first critical state; at rest where none was passed."""
+
+
 class Network(Part):
     """Sizes of the network."""
 
@@ -120,6 +131,8 @@ class Summary(Part):
     """By mode, J."""
     yarn_tension_max: Tension | None = None
     closed_form: ClosedForm | None = None
+    stability: Stability | None = None
+    """Where the cloth becomes unstable (docs/stability.md)."""
     solver: dict[str, Any] | None = None
     """PETSc's types, iterations, residuals."""
     increments: list[dict[str, Any]] | None = None
@@ -163,6 +176,10 @@ class Summary(Part):
     symmetry: dict[str, Any] | None = None
     clamps: dict[str, Any] | None = None
     """Of a forming: what planes of symmetry and clamps hold."""
+    inflation: dict[str, Any] | None = None
+    """Of an inflation: rise, volume, tensions by pressure (docs/forming.md)."""
+    drape: dict[str, Any] | None = None
+    """Of a drape test: coefficient, folds (docs/forming.md)."""
 
     @classmethod
     def json_schema(cls) -> dict[str, Any]:

@@ -30,6 +30,11 @@ DIRECT = {
     "pc_type": "cholesky",
     "pc_factor_mat_solver_type": "mumps",
 }
+# Of an indefinite matrix: LDL^T, whose negative pivots tell.
+COUNTING = DIRECT | {
+    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root: it would not count negative pivots
+    "mat_mumps_icntl_14": 100,  # small systems on several ranks need more room than is foreseen
+}
 ITERATIVE = {
     "ksp_type": "cg",
     "ksp_rtol": 1e-9,

@@ -7,6 +7,7 @@ from support.biaxial import CRIMP, grid, points_of
 
 from cruciform_petsc import Fabric, InputError
 from cruciform_petsc.case.schema import Case
+from cruciform_petsc.cloth.biaxial import points_of_file
 from cruciform_petsc.cloth.fabric import FabricTable
 
 YARNS = {"warp": {"yarns": "4 /cm"}, "weft": {"yarns": "5 /cm"}, "shear": {"modulus": "1 N/cm"}}
@@ -64,6 +65,15 @@ def test_surface(how, tmp_path):
     np.testing.assert_allclose(found, expected, atol=5e-3 * expected.max())
 
 
+def test_points_of_a_file_in_si(tmp_path):
+    """Forces of warp yarns times their number, 400 a metre, tensions of the weft as they are."""
+    points = POINTS * [1.0, 1.0, 0.25, 1.0]
+    path = write(tmp_path, TITLES.replace("(N/cm)", "(N)"), points)
+    np.testing.assert_allclose(
+        points_of_file(path, 400.0, 500.0), POINTS * [0.01, 0.01, 100.0, 100.0], rtol=1e-8
+    )
+
+
 def test_what_is_told_of_a_surface():
     """How near it is to the points; a surface far from them is asked after, one further refused."""
 
@@ -94,6 +104,12 @@ def test_beside_the_library_and_a_data_sheet():
     fabric = Fabric.from_library("glass-pp-plain-1.93", {"tension": {"crimp": CRIMPED}})
     assert fabric.biaxial_law.data[1] == pytest.approx(1 / 193.0)
     assert fabric.c11 == pytest.approx(fabric.biaxial_law.stiffness0[0])
+    table = FabricTable.from_data(
+        {"use": "glass-pp-plain-1.93", "tension": {"crimp": CRIMPED}}, "fabric"
+    )
+    told = table.filled_in()
+    assert told[0].startswith("fabric.tension.crimp: the warp is crimped by 0.0745 %")
+    assert not any("modulus" in sentence or "poisson" in sentence for sentence in told)
     yarn = {"linear_density": "300 tex", "yarns": "4 /cm", "crimp": "0 %"}
     sheet = {
         "warp": yarn, "weft": yarn, "fibre_modulus": "72 GPa", "fibre_density": "2.5 g/cm^3",

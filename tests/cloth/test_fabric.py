@@ -615,3 +615,19 @@ def test_moduli_have_limits():
     points = {"law": "table", "angle": "rad", "force": "N/m", "points": [[1e-300, 1e-3], [1, 1]]}
     with pytest.raises(InputError, match=r"fabric.shear"):
         Fabric.from_library("e-glass-plain-2.4", {"shear": points})
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_prestretch(log):
+    """Stretches at which both families have the tensions over the width as it is, coupled ones."""
+    fabric = replace(UNEQUAL, log_strain=log)
+    warp, weft = fabric.prestretch(900.0, 400.0)
+    e = np.log([warp, weft]) if log else np.array([warp, weft]) - 1.0
+    slope = 1.0 / np.array([warp, weft]) if log else 1.0
+    c11, c12, c22 = UNEQUAL.c11, UNEQUAL.c12, UNEQUAL.c22
+    stress = slope * np.array([c11 * e[0] + c12 * e[1], c22 * e[1] + c12 * e[0]])
+    np.testing.assert_allclose(stress / [weft, warp], [900.0, 400.0], rtol=1e-9)
+    np.testing.assert_allclose(fabric.tensions([warp, weft]), [900.0, 400.0], rtol=1e-9)
+    assert fabric.prestretch(0.0, 0.0) == (1.0, 1.0)
+    with pytest.raises(InputError, match="stretches the cloth by more than 20 %"):
+        fabric.prestretch(2e4, 400.0)

@@ -124,7 +124,8 @@ def test_edges_between_points():
     ("outline", "more", "message"),
     [
         ({"circle": "1 cm", "slot": ["1 cm", "2 cm"]}, {},
-         "preform.outline needs exactly one of rectangle, circle, ellipse, slot, polygon and file"),
+         "preform.outline needs exactly one of rectangle, circle, ellipse, slot, cross, "
+         "polygon and file"),
         ({"circle": "0 mm"}, {}, 'preform.outline.circle must be positive, got "0 mm"'),
         ({"circle": 3}, {}, "preform.outline.circle is the bare number 3, give it a unit"),
         ({"ellipse": ["1 cm"]}, {}, "preform.outline.ellipse must be a list of 2, got 1"),
@@ -389,7 +390,7 @@ def test_the_examples_of_the_docs():
     page = (Path(__file__).parents[2] / "docs" / "outlines.md").read_text(encoding="utf-8")
     blocks = [textwrap.dedent(block) for block in re.findall(r"\n\n((?:    .*\n)+)", page)]
     lines = [line for line in blocks[0].splitlines() if "file" not in line]
-    assert len(lines) == 6
+    assert len(lines) == 7
     for line in lines:
         assert table(tomllib.loads(line)["outline"]).build().outline.area > 0.0
     polygon = [["0 mm", "0 mm"], ["80 mm", "0 mm"], ["80 mm", "90 mm"], ["0 mm", "90 mm"]]

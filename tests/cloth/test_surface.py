@@ -18,7 +18,9 @@ UNEVEN_GRID = 0.02 * np.array(
 
 
 @pytest.mark.parametrize(
-    "strains", [GRID, UNEVEN_GRID, RAYS, grid(-0.001, 0.02, 7)], ids=["grid", "uneven", "rays", "-"]
+    "strains",
+    [GRID, UNEVEN_GRID, RAYS, grid(-0.001, 0.02, 7), GRID * [1.0, 0.3]],
+    ids=["grid", "uneven", "rays", "-", "oblong"],
 )
 def test_points_of_one_energy_are_met(strains):
     """And so are its tensions between them. 3e-3: the tensions' curvature at rest, which cubics of
@@ -29,7 +31,7 @@ def test_points_of_one_energy_are_met(strains):
     assert surface.misfit < 2e-3
     assert surface.no_potential < 2e-3
     assert surface.unmeasured < 0.2
-    fine = grid(max(strains.min(), 0.0), 0.02, 31)
+    fine = grid(0.0, 1.0, 31) * strains.max(axis=0)
     found = surface.law.evaluate(fine[:, 0], fine[:, 1])[1]
     expected = LAW.evaluate(fine[:, 0], fine[:, 1])[1]
     assert abs(found - expected).max() < 5e-3 * size

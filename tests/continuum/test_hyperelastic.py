@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support.biaxial import COARSE, WIDE
 
 from cruciform_petsc.cloth.fabric import Fabric, YarnFamily
 from cruciform_petsc.cloth.preform import Preform
@@ -45,6 +46,10 @@ FABRICS = {
         shear_law=sin_powers([350.0, 200.0, -50.0]),
         weft_law=odd_polynomial([20e3, 60e3]),
         log_strain=True,
+    ),
+    "surface": UNEVEN.with_biaxial_law(WIDE),
+    "crimp-compression": replace(
+        UNEVEN.with_biaxial_law(COARSE.law), compression=0.1, compression_width=0.02
     ),
 }
 EVERY_LAW = pytest.mark.parametrize("fabric", FABRICS.values(), ids=FABRICS.keys())
@@ -120,6 +125,11 @@ def density(fabric: Fabric, preform: Preform, gradient: np.ndarray) -> float:
     a, b = gradient @ preform.warp_direction, gradient @ preform.weft_direction
     size = np.array([np.linalg.norm(a), np.linalg.norm(b)])
     gamma = np.pi / 2 - np.arccos(a @ b / size.prod())
+    if fabric.biaxial_law is not None:
+        e = np.log(size) if fabric.log_strain else size - 1.0
+        soft = (fabric.compression, fabric.compression_width)
+        tension = fabric.biaxial_law.evaluate(*e, *soft)[0]
+        return float(tension + fabric.shear.evaluate(gamma)[0])
     e = fabric.effective_strain(size)[0]
     laws = (fabric.warp_tension, fabric.weft_tension, fabric.shear)
     w = [float(law.evaluate(x)[0]) for law, x in zip(laws, (*e, gamma), strict=True)]

@@ -6,11 +6,10 @@ from math import acos, log, sqrt
 
 import numpy as np
 import pytest
+from support.biaxial import COARSE, WIDE
 from support.kernels import DEGREE, is_gradient, rotation
 
 from cruciform_petsc import laws
-from cruciform_petsc.cloth.crimp import Crimp
-from cruciform_petsc.cloth.surface import fit_surface
 from cruciform_petsc.elements import cruciform as kernels
 from cruciform_petsc.elements.cruciform import Cloth
 from cruciform_petsc.elements.level import ENERGY, FORCE
@@ -37,12 +36,7 @@ TABLES = replace(
     weft=laws.table([0.01, 0.03], [400, 700]).packed,  # these states go far beyond it
     c12=0.0,
 )
-# A coarse weave whose yarns bend so hard that they do not snap through at these strains.
-CRIMP = Crimp((1e-3, 1.2e-3), (0.4e-3, 0.3e-3), (60.0, 80.0), (1e-5, 2e-5), laws.linear(5e4)).law
-_STRAINS = np.stack(np.meshgrid(*[np.linspace(-0.1, 0.25, 6)] * 2), axis=-1).reshape(-1, 2)
-SURFACE = fit_surface(
-    np.column_stack([_STRAINS, CRIMP.evaluate(_STRAINS[:, 0], _STRAINS[:, 1])[1]])
-).law  # these states go beyond it on both sides
+CRIMP, SURFACE = COARSE.law, WIDE  # these states go beyond it on both sides
 NONE = laws.linear(0.0).packed
 BIAXIAL = replace(ENGINEERING, warp=NONE, weft=NONE, c12=0.0)
 CLOTHS = {

@@ -8,7 +8,15 @@ import pytest
 from mpi4py import MPI
 from support.helpers import TABLE_1, diagonals
 
-from cruciform_petsc import BiasExtension, Network, OffAxisTension, PictureFrame, Preform
+from cruciform_petsc import (
+    BiasExtension,
+    Biaxial,
+    InputError,
+    Network,
+    OffAxisTension,
+    PictureFrame,
+    Preform,
+)
 from cruciform_petsc.experiments.net_kinematics import net_angle, net_load, net_torque
 from cruciform_petsc.laws import odd_polynomial
 
@@ -95,3 +103,51 @@ def test_where_it_holds(kind, outline, keys, has):
     for states in (True, False):
         assert ("load_net_N" in result.curve(states)) == has
     assert ("closed_form" in experiment.figures(result)) == has
+
+
+@pytest.mark.parametrize("angles", [["20 deg", "40 deg"], ["-30 deg"]], ids=["closing", "opening"])
+@pytest.mark.parametrize("bias", ["0 deg", "90 deg"])
+def test_a_frame_under_tension(angles, bias):
+    """Yarns have n - psi' tan(gamma), to the solver's tolerance; the load is as without tension.
+
+    Of that of the cloth that is in the frame, which is smaller without tension.
+    """
+    fabric = replace(CLOTH, warp=STIFF.warp, weft=replace(STIFF.weft, modulus=2e4))
+    fabric = replace(fabric, warp=replace(fabric.warp, modulus=1e4))
+    network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", bias), fabric)
+    test = PictureFrame(network, angles, pretension=["5 N/cm", "8 N/cm"])
+    curve = test.solve().curve(states=True)
+    gamma = np.deg2rad(curve["angle_deg"])
+    torque = LAW.evaluate(gamma)[1] / np.prod(test.prestretch)
+    assert np.prod(test.prestretch) == pytest.approx(1.05 * 1.04, rel=0.01)
+    for family, start in (("warp", 500.0), ("weft", 800.0)):
+        tension = 100.0 * curve[f"tension_{family}_N_per_cm"]
+        np.testing.assert_allclose(tension, start - torque * np.tan(gamma), rtol=1e-6)
+        closed = 100.0 * curve[f"tension_{family}_net_N_per_cm"]
+        np.testing.assert_allclose(closed, tension, rtol=1e-6)
+    np.testing.assert_allclose(curve["load_N"], curve["load_net_N"], rtol=1e-6)
+
+
+def test_biaxial_test_under_tension():
+    """Tension begins at the pretension and goes on by the law, over the width as it is drawn."""
+    fabric = replace(STIFF, warp=replace(STIFF.warp, modulus=1e4), weft=STIFF.weft)
+    fabric = replace(fabric, weft=replace(STIFF.weft, modulus=2e4))
+    network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), fabric)
+    test = Biaxial(network, ["1e-9 %", "2 %"], ratio=0.5, pretension="5 N/cm")
+    curve = test.solve().curve(states=True)
+    warp, weft = np.array(test.prestretch)[:, None] * [[1.0, 1.02], [1.0, 1.01]]
+    expected = 1e4 * (warp - 1.0) / test.prestretch[1]
+    np.testing.assert_allclose(100.0 * curve["tension_warp_N_per_cm"], expected, rtol=1e-6)
+    expected = 2e4 * (weft - 1.0) / test.prestretch[0]
+    np.testing.assert_allclose(100.0 * curve["tension_weft_N_per_cm"], expected, rtol=1e-6)
+    assert curve["tension_warp_N_per_cm"][0] == pytest.approx(5.0, rel=1e-6)
+
+
+def test_what_no_pretension_is():
+    network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), STIFF)
+    with pytest.raises(InputError, match="pretension needs finite = true"):
+        PictureFrame(network, "1 deg", pretension="5 N/cm", finite=False)
+    soft = replace(STIFF, warp=replace(STIFF.warp, modulus=1e3))
+    network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), soft)
+    with pytest.raises(InputError, match="test.pretension: a pretension of 5 N/cm of the warp"):
+        PictureFrame(network, "1 deg", pretension="5 N/cm")

@@ -97,8 +97,8 @@ def test_keys_are_arguments_and_mistakes_are_told(kind, tmp_path):
         with pytest.raises(InputError) as caught:
             Case.load(path, [change])
         assert str(caught.value) == message
-    with pytest.raises(InputError, match=r'test "drape" .*"forming", "fishnet", "leaning-pull"'):
-        Case.load(path, ["test.kind=drape"])
+    with pytest.raises(InputError, match=r'test "knot" .*"inflation", "leaning-pull"'):
+        Case.load(path, ["test.kind=knot"])
 
 
 def test_it_is_on_the_page_of_keys(kind):
@@ -114,5 +114,5 @@ def test_registered_names_are_the_classes_own(name):
 
 
 def test_an_unknown_kind():
-    with pytest.raises(InputError, match='no kind of test "drape" .known: "bias-extension"'):
-        kind_class("drape")
+    with pytest.raises(InputError, match='no kind of test "knot" .known: "bias-extension"'):
+        kind_class("knot")

@@ -73,6 +73,7 @@ def test_what_it_leaves(run):
     assert not names & {"forces.csv", "checkpoint"}
     result = Result.load(run)
     assert len(result.last_state()["shear_deg"]) == result.summary["crossovers"]
+    assert "shear" in result._repr_html_()
     (shear,) = result.curve()["shear_max_deg"]
     assert shear == pytest.approx(abs(result.last_state()["shear_deg"]).max())
     table = np.genfromtxt(run / "fields.csv", delimiter=",", names=True)
@@ -191,7 +192,7 @@ def test_view_leaves_out_what_is_not_laid(tmp_path):
             "continuum.compare is not for fishnet",
         ),
         ("[output]", "[continuum]\nladder = [1]\n[output]", "continuum.ladder is not for fishnet"),
-        ("[output]", "[output]\nanimation = true", "output.animation is for a forming"),
+        ("[output]", "[output]\nanimation = true", "output.animation is not for fishnet"),
         ("[output]", "[output]\nscene = true", "output.scene is not for fishnet"),
     ],
 )
@@ -226,7 +227,7 @@ def test_in_python(tmp_path):
     tool = {"name": "ball", "shape": {"sphere": {"radius": 50e-3}}}
     draping = Draping(network, [tool], seed=[10e-3, 0.0], turn=0.1)
     assert draping.failure() is None
-    assert draping.figures()["fishnet"]["warp_heading_deg"] == pytest.approx(90.0 + np.rad2deg(0.1))
+    assert draping.results()["fishnet"]["warp_heading_deg"] == pytest.approx(90.0 + np.rad2deg(0.1))
     with pytest.raises(InputError, match="needs one .*, got none"):
         Draping(network, [])
 
@@ -239,5 +240,5 @@ def test_shear_beyond_the_law_is_told(tmp_path):
     draping = made(written(tmp_path, ('shear = { modulus = "0.5 N/cm" }', law)))
     assert (
         "beyond the last point of the shear law's table at 10.0 deg"
-        in draping.figures()["warnings"][0]
+        in draping.results()["warnings"][0]
     )

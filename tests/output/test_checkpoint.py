@@ -109,8 +109,11 @@ BACK = {"kind": "bias-extension", "extension": ["2 mm", "-1 mm", "2 mm"]}
 FRAME = {"kind": "picture-frame", "angle": ["6 deg", "20 deg"]}
 FREE = {"kind": "off-axis-tension", "ends": "free", "extension": "1 mm", "increments": 3}
 DEAD = {"kind": "cantilever", "load": ["1e-4 N", "3e-4 N"], "increments": 4}
+TRUSS = {"kind": "bias-extension", "extension": "3 mm", "increments": 4, "model": "truss"}
 TWICE = {"kind": "bias-extension", "extension": ["1 mm", "1 mm", "2 mm"], "increments": 3}
 TWICE_BY_LOAD = {"kind": "bias-extension", "load": ["0.1 N", "0.1 N", "0.15 N"]}
+SLIP = {"kind": "bias-extension", "extension": ["2 mm", "3 mm", "2.5 mm"], "increments": 4,
+        "slip": {"force": "0.01 N"}}  # fmt: skip
 # Shear that flows and rubs, and remembers.
 CYCLE = {
     "kind": "bias-extension", "extension": ["2 mm", "0.5 mm", "2 mm"], "increments": 6,
@@ -125,6 +128,8 @@ KINDS = {
     "turning grips": (FRAME, "0 deg"),
     "free ends": (FREE, "30 deg"),
     "dead load": (DEAD, "0 deg"),
+    "yarns that slide": (SLIP, "45 deg"),
+    "truss": (TRUSS, "45 deg"),
     "shear with a memory": (CYCLE, "45 deg", RESISTS),
 }
 
@@ -151,6 +156,31 @@ def test_every_kind_goes_on_from_each_increment(tmp_path, kind):
         moved = [state.node_displacement for state in result.every_state()]
         for found, wanted in zip(moved, whole.every_state(), strict=True):
             np.testing.assert_allclose(found, wanted.node_displacement, rtol=0, atol=1e-12)
+
+
+STRUT = {
+    "kind": "off-axis-tension", "extension": ["-0.4 um", "-6 um"], "space": True,
+    "stability": {"step": "0.05 mm"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("stop", [1, 2, 3])
+def test_a_strut_that_buckles(tmp_path, stop):
+    """Killed before, at and behind its critical state, it goes along the same branch."""
+    case = case_of(STRUT, "0 deg")
+    whole = solve(case)
+    assert whole.curve()["critical"].tolist() == [0, 1, 0]
+    assert solve(case, Checkpoint.begin(COMM, tmp_path, case), stop) is None
+    found = solve(case, Checkpoint.resume(COMM, tmp_path))
+    # Newton begins elsewhere when the critical state is the last one known; nothing shears.
+    one, other = found.curve(), whole.curve()
+    for name in ("load_N", "height_max_mm", "lowest_stiffness_Pa_per_mm", "critical"):
+        within = (ANY if stop == 2 else SAME) * abs(other[name]).max()
+        np.testing.assert_allclose(one[name], other[name], atol=within, rtol=0, err_msg=name)
+    assert found.heights_max[-1] > 1e-5
+    for one, other in zip(found.buckling.modes, whole.buckling.modes, strict=True):
+        np.testing.assert_allclose(one.node_displacement, other.node_displacement, atol=1e-6)
+    assert found.buckling.linear[0].load == pytest.approx(whole.buckling.linear[0].load, rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -463,6 +493,26 @@ def test_foreign_checkpoints_are_refused(copy):
     assert "belongs to another case (test.extension differs)" in text
     other = case_of(FREE, "30 deg")
     assert "belongs to another case (preform.bias_angle, test.kind" in refused(copy, other)
+
+
+def test_a_surface_of_tension(tmp_path):
+    """Goes on exactly as it would have; with other points in its file it is another case."""
+    path = tmp_path / "biaxial.csv"
+    titles = "warp strain (%), weft strain (%), warp tension (N/cm), weft tension (N/cm)\n"
+    rows = [(a, b, 40 * a + 9 * b, 30 * b + 9 * a) for a in (0, 0.5, 1) for b in (0, 0.5, 1)]
+    path.write_text(titles + "\n".join(", ".join(map(str, row)) for row in rows))
+
+    def case():
+        data = case_of(FREE, "30 deg").model_dump(exclude_none=True)
+        data["fabric"]["tension"] = {"surface": {"file": str(path)}, "compression": 0.1}
+        return Case.from_data(data)
+
+    whole, folder = solve(case()), tmp_path / "results"
+    assert solve(case(), Checkpoint.begin(COMM, folder, case()), 1) is None
+    curves_agree(solve(case(), Checkpoint.resume(COMM, folder, case())), whole)
+    path.write_text(path.read_text().replace("49", "50"))
+    with pytest.raises(InputError, match=r"belongs to another case \(fabric\.warp\.modulus"):
+        Checkpoint.resume(COMM, folder, case())
 
 
 def test_checkpoints_of_the_first_format_are_refused(copy):

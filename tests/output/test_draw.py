@@ -163,6 +163,17 @@ def test_a_run_read_again_draws_the_same(runs):
     assert "shear angle at the end" in saved.map().figure.get_suptitle()
 
 
+def test_rows_of_a_run_read_again(runs, monkeypatch):
+    """Are put where their crossovers are, in whatever order, with points that are none."""
+    saved = Result.load(runs / "strip")
+    count = saved.network.num_crossovers_global
+    number = np.random.default_rng(1).permutation(np.append(np.arange(count), [-1, -1]))
+    state = {"crossover": number, "values_mm": np.where(number < 0, 1e9, 1.0 * number)}
+    monkeypatch.setattr(Result, "last_state", lambda self: state)
+    want = sample_map(saved.network, {"": 1.0 * saved.network.crossover_number_global})
+    np.testing.assert_array_equal(mapped(saved.map("values")), want.values[""])
+
+
 def test_forming(formed, runs):
     """Curves over the stages that are done, maps of fields.csv; the same of a run read again."""
     saved = Result.load(runs / "cup")
@@ -218,6 +229,9 @@ def test_comparison(strip, runs, tmp_path):
     np.testing.assert_array_equal(line(axes, "b"), line(axes, "c"))
     load = strip.curve()["load_N"]
     assert line(axes, "a")[1, -1] == pytest.approx(load[-1])
+    _, axes = pyplot.subplots()
+    assert plot_comparison(strip, saved, ax=axes) is axes  # the load alone
+    assert axes.get_ylabel() == "load (N)"
     panels = plot_comparison(strip, saved, by="strain")
     assert [one.get_ylabel() for one in panels] == [
         "load per width (N/mm)",

@@ -687,3 +687,29 @@ def test_swept_over_words():
     assert results.get_lines()[0].get_linestyle() == "None"
     (alone,) = pictures.swept("upper", ("", ""), [], ends).axes  # without curves
     assert alone.get_xlabel() == "upper"
+
+
+@pytest.mark.parametrize("kind", ["bias", "biaxial"])
+def test_animation_of_a_flat_test(tmp_path, monkeypatch, kind):
+    """A picture for each increment, of one size; so many evenly where there are more."""
+    from PIL import Image
+
+    fabric = Fabric.from_library("e-glass-plain-2.4")
+    bias = kind == "bias"
+    preform = Preform.rectangle("40 mm", "90 mm", bias_angle="45 deg" if bias else "0 deg")
+    network = Network(MPI.COMM_SELF, preform, fabric)
+    if bias:
+        result = BiasExtension(network, ["2 mm", "10 mm"], increments=6).solve()
+    else:
+        result = Biaxial(network, ["0.2 %", "0.5 %"]).solve()
+    for most in (40, 3):
+        monkeypatch.setattr(figures, "MOST_FRAMES", most)
+        figures.draw_animation(result, tmp_path / "animation.gif", "A test")
+        with Image.open(tmp_path / "animation.gif") as image:
+            assert image.n_frames == min(most, len(result.increments))
+            assert image.info["loop"] == 0
+            first = np.asarray(image.convert("RGB"))
+            image.seek(image.n_frames - 1)
+            last = np.asarray(image.convert("RGB"))
+        assert first.shape == last.shape
+        assert (first != last).any()

@@ -245,8 +245,8 @@ def test_animation_of_a_case(tmp_path, monkeypatch):
     flat = tmp_path / "flat.toml"
     flat.write_text(
         '[fabric]\nuse = "e-glass-plain-2.4"\n[preform]\nbias_angle = "45 deg"\n'
-        'outline = { rectangle = ["40 mm", "90 mm"] }\n[test]\nextension = "1 mm"\n'
+        'outline = { rectangle = ["40 mm", "90 mm"] }\n[test]\nextension = "1 mm"\nfinite = false\n'
         "[output]\nanimation = true\n"
     )
-    with pytest.raises(InputError, match="output.animation is for a forming"):
+    with pytest.raises(InputError, match="output.animation needs test.finite = true"):
         Case.load(flat)

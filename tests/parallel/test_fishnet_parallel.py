@@ -117,7 +117,7 @@ def test_files(tmp_path):
         for name, values in crossover_columns(alone).items():
             np.testing.assert_allclose(table[name], values, rtol=1e-8, atol=1e-8, err_msg=name)
         summary = json.loads((tmp_path / "all" / "summary.json").read_text())
-        told = alone.figures()
+        told = alone.results()
         assert summary["shear_max_deg"] == pytest.approx(told["shear_max_deg"], rel=1e-12)
         assert summary["shear_max_at_mm"]["flat"] == pytest.approx(told["shear_max_at_mm"]["flat"])
         assert summary["ranks"] == COMM.size

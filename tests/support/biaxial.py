@@ -34,3 +34,6 @@ def linear_law(warp, weft, both):
 
 
 SURFACE = fit_surface(points_of(CRIMP.law, grid(0.0, 0.02, 6))).law
+# For large strains: a coarse weave whose yarns bend so hard that they do not snap through.
+COARSE = Crimp((1e-3, 1.2e-3), (0.4e-3, 0.3e-3), (60.0, 80.0), (1e-5, 2e-5), linear(5e4))
+WIDE = fit_surface(points_of(COARSE.law, grid(-0.1, 0.25, 6))).law
