@@ -17,8 +17,8 @@ class Pushed:
     """A spring of 1 N/m pushed by 10 N less ``back`` times where it is, as that was before."""
 
     def __init__(self, back):
-        self.back, self.model, self.loose = back, SimpleNamespace(lagged=self.lagged), []
-        self.few = []
+        self.back, self.loose, self.few = back, [], []
+        self.model = SimpleNamespace(lags=True, lagged=self.lagged)
 
     @property
     def solved(self):
