@@ -35,6 +35,7 @@ FINITE = {
 }
 FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "three_corners",
+    "two_plies",
 }  # fmt: skip
 ELSEWHERE = {"calibrate_glass_pp"}  # with the tests of calibration
 WHOLE_ON_TWO = {"bias_extension", "sin_potential"}  # with membrane and pictures on two ranks, too

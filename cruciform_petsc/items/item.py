@@ -55,12 +55,15 @@ class Item:
     is_load : bool
         Whether it pushes from outside: its forces then count in what balance is measured by, and
         its energy is none of the cloth's strain energy.
+    patience : float
+        For how many Newton steps what it takes as given may do, before it is looked at again.
     """
 
     name: str = ""
     modes: Sequence[str] = ()
     nodes: np.ndarray
     is_load = False
+    patience = np.inf
 
     def work(
         self, state: Placed, level: int, rows: slice = slice(None), before: np.ndarray | None = None
@@ -88,6 +91,14 @@ class Item:
         """Slices of its elements, one at least, to work on one after the other."""
         for begin in range(0, max(len(self.nodes), 1), CHUNK):
             yield slice(begin, begin + CHUNK)
+
+    def joined(self, state: Placed) -> np.ndarray:
+        """Local nodes of its elements at a state, int32 (m, k): those whose energies `work` tells.
+
+        By default `nodes`. Those of an item whose elements change follow from what it remembers;
+        the same memory gives the same array. Rows of the memory are those of `nodes` all the same.
+        """
+        return self.nodes
 
     def lagged(self, state: Placed) -> tuple[Mapping[str, np.ndarray], float, float]:
         """What the item takes as given while equilibrium is sought, as it is at a state.

@@ -26,6 +26,8 @@ class PlyNodes:
         width over the curvature. The ply lies in space then, its rest in the plane z = 0.
     flat : bool
         In space: hold z of all nodes, not only on clamps and guides.
+    near : int (m, 2), optional
+        Crossovers whose nodes this rank needs besides, see Nodes.
 
     Attributes
     ----------
@@ -45,6 +47,7 @@ class PlyNodes:
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        near: np.ndarray | None = None,
     ):
         self.constraints, self.network = constraints, constraints.network
         self.bending, self.comm = constraints.bending, constraints.network.comm
@@ -53,7 +56,7 @@ class PlyNodes:
             law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
         ]
         self.supports: Supports = find_supports(constraints)
-        self.nodes = Nodes(self.network, self.dim)
+        self.nodes = Nodes(self.network, self.dim, near)
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()

@@ -42,8 +42,9 @@ class Ply(PlyNodes):
         constraints: Constraints,
         out_of_plane: tuple[float | Potential, float | Potential] | None = None,
         flat: bool = True,
+        near: np.ndarray | None = None,
     ):
-        super().__init__(constraints, out_of_plane, flat)
+        super().__init__(constraints, out_of_plane, flat, near)
         self.cruciforms = Cruciforms(self)
         self.bends = Bends(self)
         force = np.zeros_like(self.nodes.rest)

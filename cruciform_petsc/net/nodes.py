@@ -19,6 +19,8 @@ class Nodes(DistributedNodes):
     ----------
     dim : int
         In space (3) the ends of yarns that cross at next hinges are known, on other ranks too.
+    near : int (m, 2), optional
+        Crossovers, on any rank, whose nodes this one needs, too.
 
     Attributes
     ----------
@@ -40,7 +42,7 @@ class Nodes(DistributedNodes):
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
     """
 
-    def __init__(self, network: Network, dim: int = 2):
+    def __init__(self, network: Network, dim: int = 2, near: np.ndarray | None = None):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         joined = network.arm_is_shared[:, :2]
@@ -52,6 +54,15 @@ class Nodes(DistributedNodes):
         ghost_key = np.concatenate([end_ghost, next_key[away]])
         ghost_owner = np.concatenate([network.ghost_owner, network.partition.owner(there[away])])
         super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
+        if near is not None:
+            key, owner = network.ends_at(near)
+            hinge = pack_key(0, near[:, 1].astype(np.int64), 4 * near[:, 0].astype(np.int64))
+            ours = network.partition.owner(near)
+            key, owner = np.append(key, hinge), np.append(owner, ours)
+            away = owner != network.comm.rank
+            ghost_key = np.concatenate([ghost_key, key[away]])
+            ghost_owner = np.concatenate([ghost_owner, owner[away]])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
         cells = np.zeros((0, 8), np.int64)
         if dim == 3:

@@ -153,9 +153,14 @@ def export_formed(
     cells = _cell_columns(mesh)
     head = ",".join(["cell", *cells]) + "\n" if comm.rank == 0 else ""
     text = lines(",".join(["%d", *["%.10g"] * len(cells)]), mesh.element, *cells.values())
+    ply = forming.suffix
     paths = [
-        directory / n for n in ("cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad")
-    ]
+        directory / name
+        for name in (
+            f"cells{ply}.csv", f"preform{ply}.inp", f"preform{ply}_ccx.inp",
+            f"preform{ply}_0000.rad",
+        )
+    ]  # fmt: skip
     write_pieces(comm, paths[0], [head.encode(), text.replace(b"nan", b"")])
     for path, pieces in zip(
         paths[1:], (input_file(mesh), bricks(mesh), starter_file(mesh)), strict=True
