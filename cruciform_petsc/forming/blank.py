@@ -192,7 +192,8 @@ class Blank:
             one.thickness = net.fabric.needed("thickness", "contact with a tool")
             one.height, top = top + 0.5 * one.thickness, top + one.thickness
             if several and self.comm.size > 1:
-                reach = SLIDE * length_of(net, self.symmetry)
+                # And what a patch is made of, with what lies beyond the ends of yarns.
+                reach = SLIDE * length_of(net, self.symmetry) + 4.0 * float(net.pitch.max())
                 others = [other for other in networks if other is not net]
                 one._near = crossovers_near(net, others, reach)
             one.ply = ply = one._lay(bending)
