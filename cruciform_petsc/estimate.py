@@ -117,8 +117,13 @@ def _fishnet(case: Case, test: FishnetTable) -> Part:
 def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     """The test on the case's network, or on one of the ladder."""
     preform, finite = case.preform(refine), case.test.finite
+    plies = [(preform, case.fabric())]
+    if case.plies and refine is None:
+        plies = [(ply.preform, ply.fabric) for ply in case.stack()]
     with np.errstate(over="ignore", divide="ignore"):
-        crossovers = float(np.float64(preform.outline.area) / np.prod(preform.pitch(case.fabric())))
+        crossovers = sum(
+            float(np.float64(cut.outline.area) / np.prod(cut.pitch(cloth))) for cut, cloth in plies
+        )
     space = case.test.space
     each, seconds = _SPACE if space else _FINITE if finite else _SMALL
     # Two arm ends; at finite deformation hinges, too; rotations at small displacements.

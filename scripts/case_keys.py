@@ -24,6 +24,7 @@ from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_cla
 from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import fishnet_table as fishnet
+from cruciform_petsc.forming import plies
 from cruciform_petsc.forming import table as forming
 from cruciform_petsc.tools import tool
 from cruciform_petsc.units import MEASURES
@@ -64,6 +65,7 @@ _SHAPES: dict[Any, str] = {
     list[fields.Point]: "a list of 2 or more pairs of lengths",
     list[tool.ToolTable]: "tables",
     list[forming.ClampTable]: "tables",
+    list[plies.PlyTable]: "tables",
     list[forming.StageTable]: "tables",
     list[forming.SideName]: 'a list of `"left"`, `"right"`, `"lower"`, `"upper"`',
     list[fields.Name]: "a list of texts",
@@ -113,6 +115,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
+    ("`[[ply]]`", plies.PlyTable),
     ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
     ("`stage.trim`", forming.TrimTable),

@@ -42,7 +42,7 @@ FINITE = {
 BIAXIAL = {"biaxial", "biaxial_cross", "biaxial_surface"}
 FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
-    "fishnet", "three_corners",
+    "fishnet", "three_corners", "two_plies",
 }  # fmt: skip
 # Load at which it becomes unstable, N, on the way and linearised; and the closed form's.
 BUCKLING = {

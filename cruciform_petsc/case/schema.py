@@ -28,6 +28,7 @@ from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
 from ..forming.draping import Draping
 from ..forming.fishnet_table import FishnetTable
 from ..forming.kind import Forming
+from ..forming.plies import PlyOf, PlyTable, check_plies, made
 from ..forming.table import (
     ArrangedTable,
     ClampTable,
@@ -147,6 +148,8 @@ class Case(Table):
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
+    plies: list[PlyTable] = Field(alias="ply", default=[])
+    """Plies of its blank, from the lowest up, `[[ply]]`; a single one needs none."""
     clamps: list[ClampTable] = Field(alias="clamp", default=[])
     """Edges of its blank that are held, `[[clamp]]`."""
     stages: list[StageTable] = Field(alias="stage", default=[])
@@ -197,6 +200,8 @@ class Case(Table):
         fabric = data.get("fabric")
         if isinstance(fabric, dict) and isinstance(fabric.get("tension"), dict):
             paths.append((fabric["tension"].get("surface"), "file"))
+        if isinstance(data.get("ply"), list):
+            paths += [(ply.get("outline"), "file") for ply in data["ply"] if isinstance(ply, dict)]
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
@@ -252,16 +257,27 @@ class Case(Table):
             given["bending"] = bending
         return kind(network, **given, options=self.solver.options)
 
-    def forming(self, network: Network) -> Forming:
-        """Make the forming of the case's network, with its tools and stages. Collective.
+    def stack(self) -> list[PlyOf]:
+        """Make the cloth and preform of each ply; of a blank without [[ply]] there is one."""
+        fabric, preform = self.fabric(), self.preform_table.build()
+        if not self.plies:
+            return [PlyOf("", fabric, self.test.placed(preform), 0.0)]
+        return made(self.plies, self.test, preform, fabric)
+
+    def forming(self, network: Network | Sequence[Network]) -> Forming:
+        """Make the forming of the case's network, or networks by ply (`stack`). Collective.
 
         Or the fishnet, which is a Forming without stages.
         """
         given = {key: value for key, value in self.test if key != "kind"}
+        first = next(iter(network)) if isinstance(network, Sequence) else network
         if isinstance(self.test, FishnetTable):
-            return Draping(network, self.tools, **given, options=self.solver.options)
+            return Draping(first, self.tools, **given, options=self.solver.options)
         if isinstance(self.test, ArrangedTable):
-            return kind_class(self.test.kind)(network, **given, options=self.solver.options)
+            return kind_class(self.test.kind)(first, **given, options=self.solver.options)
+        if self.plies:
+            given["names"] = [ply.name for ply in self.plies]
+            given["rub"] = [ply.friction for ply in self.plies]
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
@@ -317,7 +333,8 @@ class Case(Table):
                 check_stages(self.test, self.tools, self.stages, self.clamps)
         else:
             for key, told in (
-                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
+                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages),
+                ("ply", self.plies),
             ):  # fmt: skip
                 if told and not (fishnet and key == "tool"):
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
@@ -364,6 +381,15 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming and self.plies:
+            with problems.caught():
+                check_plies(self.plies, self.test, self.stages, self.clamps)
+            with problems.caught():
+                self.stack()
+            if beside:
+                problems.append("continuum.compare and continuum.ladder are not for several plies")
+            if part is not None:
+                problems.append("output.part_outline is not for several plies yet, leave it out")
         if preform and forming:
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)

@@ -52,7 +52,8 @@ class Cloth:
         self.network, self.comm, self.thickness = network, network.comm, thickness
         constraints = Constraints(network, bending=False, floats=True)
         self.ply = LaidPly(constraints, draped.laid.laid)
-        self.ply.nodes.rest[:, 2] = 0.5 * thickness
+        self.height = 0.5 * thickness
+        self.ply.nodes.rest[:, 2] = self.height
         self.hold = holder(self.ply)([])
         self.laid = State(draped.laid.on_nodes(network, self.ply.nodes), self.hold, 1.0)
 
@@ -106,6 +107,7 @@ class Draping(Forming):
         **keys: Any,
     ):
         self.network, self.options, fabric = network, options or {}, network.fabric
+        self.networks, self.each, self.suffix = [network], [self], ""
         test = FishnetTable.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test  # type: ignore[assignment]
         tables = tables_of(ToolTable, "tool", tools)
@@ -114,6 +116,7 @@ class Draping(Forming):
         self.stages, self.clamps = [], []
         self.below = below_cloth(tables, [])
         self.thickness = fabric.needed("thickness", 'test.kind = "fishnet"')
+        self._thick = [self.thickness]
         self.tools = [self._make(tables[0], folder)]
         self.remarks = remarks(network.preform, fabric, test)
         self.remarks += self.tools[0].remarks(self.thickness) + self._fit(tables[0], self.tools[0])

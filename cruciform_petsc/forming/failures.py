@@ -19,6 +19,7 @@ BACK = 2  # steps before the last one: where smaller steps are proposed to begin
 NEAR = 2.0  # pitches: around the node where forces are farthest from balance
 CURES = {
     "PIERCED": "smaller steps (step), more room between tools, or a finer net may help",
+    "APART": "fewer processes, of which each knows more of the plies, or one, will do",
     "CLOSED": "they have to stop earlier, or the cloth has to be thinner",
 }
 

@@ -136,7 +136,7 @@ def form(
     """
     formed, model = Formed(blank), blank.model
     start, work = blank.start(), 0.0
-    longest = LONGEST * blank.pitch
+    longest = LONGEST * min(one.pitch for one in blank.each)
     options = {"snes_max_it": MOST_ITERATIONS, **(options or {})}
     equilibrium = Equilibrium(
         model, start, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
@@ -169,7 +169,7 @@ def form(
         if unbearable is not None:
             what, reason, there, count = unbearable
             raise EquilibriumError(what, reason, found.history, there, count)
-        shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
+        shear = max(one.ply.shear_angle_max(one.of_cloth(found.state)) for one in blank.each)
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:

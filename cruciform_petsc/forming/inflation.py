@@ -169,7 +169,7 @@ class Inflation(Arranged):
         model = Model(blank.ply.nodes, [density, *clamps], blank.ply.active, warp + weft)
         start = blank.of_cloth(blank.start())
         grown = {preload_name(clamp.edge): 1.0 for clamp in clamps}
-        hold = blank.cloth_hold
+        (hold,) = blank.cloth_holds
         state = State(start.x, hold, factors=grown, memory={})
         equilibrium = Equilibrium(model, state, self.options)
         try:

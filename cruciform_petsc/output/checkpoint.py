@@ -777,6 +777,9 @@ def determines(case: Case) -> dict[str, Any]:
     for stage in data.get("stage", []):
         stage.pop("step")
     data["preform"]["outline"]["file"] = case.preform_table.outline.drawn
+    for told, ply in zip(data.get("ply", []), case.plies, strict=True):
+        if ply.outline is not None:
+            told["outline"]["file"] = ply.outline.drawn
     for tool in data.get("tool", []):
         path = tool["shape"].get("file")
         if path is not None:

@@ -134,6 +134,20 @@ def sample_surface(
     )
 
 
+def together(surfaces: Sequence[Surface]) -> Surface:
+    """Several surfaces with the same values, of plies, as one."""
+    first = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
+    return Surface(
+        np.concatenate([surface.points for surface in surfaces]),
+        {
+            name: np.concatenate([surface.values[name] for surface in surfaces])
+            for name in surfaces[0].values
+        },
+        np.concatenate([s.triangles + n for s, n in zip(surfaces, first, strict=False)]),
+        np.concatenate([s.yarns + n for s, n in zip(surfaces, first, strict=False)]),
+    )
+
+
 def sample_yarns(
     network: Network,
     node_displacement: np.ndarray,

@@ -173,6 +173,10 @@ class Summary(Part):
     wrinkles: dict[str, Any] | None = None
     bridging: dict[str, Any] | None = None
     """See docs/files.md."""
+    plies: list[dict[str, Any]] | None = None
+    """Of several plies: shear, wrinkles, compaction of each, and what its files' names end with."""
+    between_plies: dict[str, dict[str, float]] | None = None
+    """Of plies that touch: largest compaction, pressure, way slid."""
     symmetry: dict[str, Any] | None = None
     clamps: dict[str, Any] | None = None
     """Of a forming: what planes of symmetry and clamps hold."""
