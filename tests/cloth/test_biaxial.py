@@ -15,7 +15,7 @@ HEIGHTS = {
     "warp_height": "0.2 mm", "weft_height": "0.15 mm", "warp_stiffness": "3 kN",
     "weft_stiffness": "2.5 kN", "warp_bending": "0.001 N mm^2", "weft_bending": "0.002 N mm^2",
 }  # fmt: skip
-CRIMPED = {**HEIGHTS, "crossover_stiffness": "2000 N/mm"}
+CRIMPED = {**HEIGHTS, "crossover_stiffness": "8000 N/mm"}
 POINTS = points_of(CRIMP.law, grid(0.0, 0.02, 6)) * [100.0, 100.0, 1e-2, 1e-2]  # %, N/cm
 INLINE = {"strain": "%", "force": "N/cm", "points": POINTS.tolist()}
 TITLES = "warp strain (%), weft strain (%), warp tension (N/cm), weft tension [N/cm]"
