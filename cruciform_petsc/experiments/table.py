@@ -108,7 +108,7 @@ class SlipTable(Table):
         angle = 0.0 if self.crimp_angle is None else self.crimp_angle.si
         return Slip(
             self.force.si,
-            self.friction * float(np.sin(angle)),
+            2.0 * self.friction * float(np.sin(angle)),  # a yarn presses from both sides
             (self.yarns != "weft", self.yarns != "warp"),
             None if self.region is None else self._polygon(),
             None if self.elastic_slip is None else self.elastic_slip.si,
