@@ -154,7 +154,7 @@ class PictureFrame(Experiment):
                 gradient = self.motion(high, state.control)[0]
                 axes = gradient / np.linalg.norm(gradient, axis=0)
                 parts = [
-                    np.linalg.solve(axes, sign * state.forces[edge])[along]
+                    np.linalg.solve(axes, sign * state.forces[edge][:2])[along]
                     for edge, sign in ((low, -1.0), (high, 1.0))
                 ]
                 tension.append(0.5 * sum(parts) / self.size[1 - along])

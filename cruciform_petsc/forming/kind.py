@@ -116,7 +116,7 @@ class Forming:
         self.clamps = _tables(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
         check_stages(test, tables, self.stages, self.clamps)
-        check_course(fabric, self.stages)
+        check_course(test, fabric, self.stages)
         check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")

@@ -336,9 +336,14 @@ class StageTable(Table):
         return StagePlan(self.name, motions, forces, factors, self.results, self.largest_step)
 
 
-def check_course(fabric: Fabric, stages: Sequence[StageTable]) -> None:
+def check_course(test: FormingTable, fabric: Fabric, stages: Sequence[StageTable]) -> None:
     """Raise InputError if the time or the temperature of stages is missing, or is for nothing."""
     problems, flows = Problems(), fabric.shear_viscosity is not None
+    if flows and isinstance(test, ArrangedTable):
+        raise InputError(
+            f'test.kind = "{test.kind}" runs at no speed that fabric.shear_viscosity could act by, '
+            "leave that out"
+        )
     for i, stage in enumerate(stages):
         if flows and stage.duration is None:
             problems.append(

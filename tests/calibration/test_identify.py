@@ -435,6 +435,27 @@ def test_frame_of_a_case(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("where", "change", "said"),
+    [
+        ("test", {"pretension": "5 N/cm"}, "test.pretension of the case is nothing that a shear"),
+        ("test", {"slip": {"force": "1 N"}}, "test.slip of the case is nothing that a shear law"),
+        ("test", {"model": "truss"}, 'test.model of the case is "truss"'),
+        ("fabric", {"shear_friction": {"torque": "1 N/m"}}, "the fabric of the case has shear_"),
+    ],
+)
+def test_what_a_law_is_not_found_with(tmp_path, where, change, said):
+    data = {
+        "title": "frame",
+        "fabric": {"use": "glass-pp-plain-1.93"},
+        "preform": {"outline": {"rectangle": ["50 mm", "50 mm"]}, "bias_angle": "0 deg"},
+        "test": {"kind": "picture-frame", "angle": "1 deg"},
+    }
+    data[where] |= change
+    with pytest.raises(InputError, match=said):
+        calibrate_case(MPI.COMM_SELF, Case.from_data(data), "frame.csv", tmp_path, LOG)
+
+
 def test_frames_that_cannot_be():
     with pytest.raises(InputError, match="is closed at 58.57"):
         calibrate(frame(), [0.01, 0.02, 0.03, 0.07], [1.0, 2, 3, 4], kind="picture-frame")

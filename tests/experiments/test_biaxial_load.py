@@ -116,6 +116,15 @@ def test_bad_crosses(outline, message):
         Preform.shape(outline, "0 deg")
 
 
+def test_no_speed():
+    """Tensions are prescribed, and no way that anything would move in some time."""
+    fluid = {"shear_viscosity": {"viscosity": "1 N s/m"}}
+    cloth = Fabric.from_library("glass-pp-plain-1.93", fluid)
+    network = Network(MPI.COMM_SELF, Preform.rectangle("50 mm", "40 mm", "0 deg"), cloth)
+    with pytest.raises(InputError, match='"biaxial-load" prescribes a load, at no speed'):
+        BiaxialLoad(network, "1 N/cm", speed="1 mm/s")
+
+
 def test_yarns_across():
     strip = Preform.rectangle("50 mm", "40 mm", "30 deg")
     with pytest.raises(InputError, match="needs yarns along the edges"):
