@@ -101,6 +101,8 @@ def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     each, seconds = _SPACE if space else _FINITE if finite else _SMALL
     # Two arm ends; at finite deformation hinges, too; rotations at small displacements.
     unknowns = crossovers * (9 if space else 6 if finite or case.test.bending else 4)
+    if getattr(case.test, "slip", None) is not None:
+        unknowns += crossovers * (3 if space else 2)
     kept = _STATE * (1 + len(case.tools)) * values * crossovers
     name, cure = "the test", "choose a coarser pitch (refine, yarns_per_cruciform)"
     if refine is not None:

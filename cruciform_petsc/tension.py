@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from . import laws
-from .laws import evaluate_law, softened_strain
+from .laws import Potential, evaluate_law, softened_strain
 
 SURFACE, CRIMP = 1.0, 2.0
 _NAMES = {SURFACE: "surface", CRIMP: "crimp model"}
@@ -215,6 +215,16 @@ class BiaxialLaw:
     def packed(self) -> np.ndarray:
         """``data`` as an array, for kernels; float (n,)."""
         return np.array(self.data)
+
+    def times(self, factor: float) -> BiaxialLaw:
+        """The law of so many times the tensions."""
+        data = np.array(self.data)
+        if self.data[0] == SURFACE:
+            data[9 + int(data[1]) + int(data[2]) :] *= factor
+        else:
+            data[5:9] *= factor
+            data[9:] = Potential(self.data[9:]).times(factor).data
+        return BiaxialLaw(tuple(float(value) for value in data))
 
     @property
     def strains(self) -> np.ndarray:

@@ -177,7 +177,7 @@ class Maker:
         kind = self.random.choice((*KINDS, *2 * ("forming",)))
         if kind == "forming":
             return self.forming()
-        upright = kind in ("picture-frame", "biaxial", "cantilever")
+        upright = kind in ("picture-frame", "biaxial", "cantilever", "pull-out")
         test: dict[str, Any] = {"kind": kind, "finite": self.random.random() < 0.5}
         control = {
             "picture-frame": ("angle", self.some(1, 60, "deg")),
@@ -188,6 +188,8 @@ class Maker:
         if kind != "cantilever":
             self.maybe(test, "bending", self.random.random() < 0.5)
         self.maybe(test, "increments", self.random.randint(1, 50))
+        if kind == "pull-out":
+            test |= {"slip": {"force": self.quantity(1e-3, 1, "N")}, "finite": True}
         angle = self.quantity(0.1, 180, "deg")
         preform: dict[str, Any] = {
             "outline": self.outline(upright),

@@ -55,6 +55,14 @@ def test_rest(law):
     assert both**2 < warp * weft
 
 
+@EVERY
+def test_a_multiple_of_a_law(law):
+    """Energy, tensions and stiffness, in contraction and beyond, too."""
+    e = np.random.default_rng(4).uniform(-0.002, 0.03, (200, 2)).T
+    for found, once in zip(law.times(2.5).evaluate(*e), law.evaluate(*e), strict=True):
+        np.testing.assert_allclose(found, 2.5 * once, rtol=1e-9, atol=1e-9 * abs(once).max())
+
+
 def test_surface_beyond_its_table():
     """Beyond the splines stiffness stays; below the least strain it softens like yarns do."""
     (low, high), _ = SURFACE.strains

@@ -27,7 +27,7 @@ from ..experiments.bias_extension import BiasExtension
 from ..experiments.experiment import Experiment
 from ..experiments.finite import FiniteTest
 from ..experiments.picture_frame import PictureFrame
-from ..laws import LINEAR, TABLE, Potential
+from ..laws import Potential
 from ..net.network import Network
 from .formula import frame_angle
 from .specimen import Specimen
@@ -157,17 +157,12 @@ def _with_twice(fabric: Fabric, what: str) -> Fabric:
     """The cloth with twice one of DOUBLED; InputError if that cannot be."""
     if what == "compression":
         return replace(fabric, compression=2.0 * fabric.compression)
+    if what == "tension modulus" and fabric.biaxial_law is not None:
+        return fabric.with_biaxial_law(fabric.biaxial_law.times(2.0))
     name, times = ("yarn_bending", 1.0) if what == "yarn bending" else ("modulus", 2.0)
     changes = {}
     for side in ("warp", "weft"):
         family, law = getattr(fabric, side), getattr(fabric, f"{side}_law")
         changes[side] = replace(family, **{name: 2.0 * getattr(family, name)})
-        changes[f"{side}_law"] = law and _times(times, law)
+        changes[f"{side}_law"] = law and law.times(times)
     return replace(fabric, **changes)
-
-
-def _times(factor: float, law: Potential) -> Potential:
-    """A law times a number; what is linear in the force follows the kind, numbers and knots."""
-    kind, number = law.data[:2]
-    first = 1 if kind == LINEAR else 3 + int(number) if kind == TABLE else 2
-    return Potential((*law.data[:first], *(factor * value for value in law.data[first:])))

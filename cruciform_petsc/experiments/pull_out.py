@@ -11,6 +11,7 @@ from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
 from ..errors import Problems
 from ..net.edges import Constraints
+from ..quantities import force_text
 from .experiment import Experiment, Grip
 from .table import Lengths, SlipTable, TestTable
 
@@ -26,8 +27,8 @@ class PullOutTable(TestTable):
         "bias_angle": '"0 deg"',
         "test": """
             extension = ["0.2 mm", "2 mm", "20 mm"]  # By which the end is pulled, one or a list
-            slip = { force = "0.05 N" }  # Pull-out force of one crossing
         """,
+        "slip": '{ force = "0.05 N" }',
     }
 
     kind: Literal["pull-out"]
@@ -77,6 +78,16 @@ class PullOut(Experiment):
         _, key = min(network.comm.allgather(nearest))
         constraints.pin(key, (0, 1))
         return [*grips, Grip("yarn", np.flatnonzero(network.node_key == key))]
+
+    def check(self) -> list[str]:
+        """See Experiment.check; and what it takes to pull the yarn. Collective."""
+        clamps, *told = super().check()
+        told = [clamps.rpartition(", ")[0], *told]
+        if self.slip is not None:
+            crossings = float(self.size[1] / self.network.pitch[self._family])
+            force = force_text(crossings * self.slip.force)
+            told.append(f"{force} pull the yarn, over {crossings:.3g} crossings")
+        return told
 
     @property
     def _family(self) -> int:

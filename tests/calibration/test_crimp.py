@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from support.biaxial import CRIMP, grid, linear_law, points_of
-from support.helpers import TABLE_1
+from support.helpers import TABLE_1, UNEVEN
 
 from cruciform_petsc import Case, InputError
 from cruciform_petsc.calibrate import calibrate_case
 from cruciform_petsc.calibration.crimp import fit_crimp
+from cruciform_petsc.calibration.load_curve import _with_twice
 from cruciform_petsc.cloth.crimp import Crimp
 from cruciform_petsc.cloth.fabric import FabricTable
 from cruciform_petsc.cloth.surface import fit_surface
@@ -78,6 +79,16 @@ def test_table_1_of_the_paper():
     start = Crimp(pitch, (0.3e-3, 0.3e-3), (220.0, 220.0), (1e-9, 1e-9), linear(4e5))
     found = fit_crimp(points, start, heights=True)
     assert found.misfit == pytest.approx(0.042, abs=0.003)
+
+
+def test_assumptions_of_a_shear_law():
+    """That which a shear law is found with, twice: tensions of a cloth with a law of both."""
+    fabric = UNEVEN.with_biaxial_law(CRIMP.law)
+    twice = _with_twice(fabric, "tension modulus")
+    assert twice.tension([1.01, 1.0])[1] == pytest.approx(2.0 * fabric.tension([1.01, 1.0])[1])
+    assert (twice.c11, twice.c12) == pytest.approx((2.0 * fabric.c11, 2.0 * fabric.c12))
+    for what in ("yarn bending", "compression"):
+        assert _with_twice(replace(fabric, compression=0.1), what).biaxial_law == CRIMP.law
 
 
 def test_too_few_points():

@@ -126,7 +126,7 @@ def test_separate_model(network):
         ({"extension": "1 N"}, "extension"),
         ({"extension": 0.0}, "zero"),
         ({"extension": 1e-3, "upper": "top"}, '"grip" or "centre-line"'),
-        ({"extension": 1e-3, "model": "both"}, '"coupled" or "separate"'),
+        ({"extension": 1e-3, "model": "both"}, '"coupled", "truss" or "separate"'),
     ],
 )
 def test_wrong_arguments(network, options, words):

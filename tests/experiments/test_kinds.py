@@ -234,7 +234,7 @@ def test_half_a_specimen():
         ),
         (
             lambda: BiasExtension(network(BIAS), "1 mm", model="paper"),
-            'model must be "coupled" or',
+            'model must be "coupled", "truss" or',
         ),
         (
             lambda: BiasExtension(network(BIAS), "1 mm", model="separate", finite=True),
