@@ -152,7 +152,7 @@ class Blank:
         self.ply = ply = self._lay(bending)
         ply.nodes.rest[:, 2] = 0.5 * self.thickness
         if weight:
-            ply.further.append(gravity(ply, "gravity"))
+            ply.further.append(gravity(ply, "gravity", stretched=float(np.prod(prestretch))))
         ply.cuts = cuts = cuts or {}
         if waves is not None:
             ply.further.append(imperfection(ply, *waves))
