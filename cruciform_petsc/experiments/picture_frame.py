@@ -55,7 +55,7 @@ class PictureFrame(Experiment):
     """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
 
     With ``pretension`` the yarns are under tension before it shears, as Launay et al. 2008 have it
-    (Composites A 39:53).
+    (Compos. Sci. Technol. 68:506).
 
     The frame turns the yarns it holds with its sides, so that the cloth shears uniformly as far as
     the clamps are concerned. Its shear angle is 90 degrees less the angle between its sides,
