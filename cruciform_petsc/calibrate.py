@@ -200,10 +200,10 @@ def _test(case: Case, name: str) -> dict[str, Any]:
         raise InputError(
             f'test.model of {name} is "truss", a shear law is found for cruciforms, leave it out'
         )
-    if case.fabric().remembers:
+    if case.fabric().shear_viscosity is not None:
         raise InputError(
-            f"the fabric of {name} has shear_viscosity or shear_friction, which a measured curve "
-            "has in it: the law that is found holds both, leave them out"
+            f"fabric.shear_viscosity of {name} is nothing that a shear law is found with: leave it "
+            "out, and take a curve of a slow test"
         )
     upper = getattr(test, "upper", "grip")
     return {"kind": test.kind, "upper": upper, "bending": test.bending}
