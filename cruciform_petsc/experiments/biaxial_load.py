@@ -143,8 +143,9 @@ class BiaxialLoad(Experiment):
 
     def _nearest(self, distance: np.ndarray, keys: np.ndarray) -> int:
         """Key of the node of the least distance, of several the lowest. Collective."""
-        mine = min(zip(distance.tolist(), keys.tolist(), strict=True), default=(np.inf, -1))
-        return int(min(self.network.comm.allgather(mine))[1])
+        first = np.lexsort((keys, distance))[:1]
+        own = np.concatenate([distance[first], [np.inf]])[0], np.append(keys[first], -1)[0]
+        return int(min(self.network.comm.allgather(own))[1])
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
         """Nothing is moved."""
