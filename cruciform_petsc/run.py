@@ -27,11 +27,13 @@ from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult
+from .forming.draping import Draping
+from .forming.fishnet_table import FishnetTable
 from .forming.forming import Formed
 from .forming.kind import Forming
 from .forming.table import FormingTable
 from .net.network import Network
-from .output import figures, formed, paraview, tables
+from .output import draped, figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export, export_formed
@@ -40,7 +42,7 @@ from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
 from .output.progress import Progress, sign_of_life
 from .output.provenance import file_notes, notes_on
-from .output.report import write_forming_report, write_report
+from .output.report import write_fishnet_report, write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
 from .solvers.options import unused_options
@@ -59,7 +61,7 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
-    forms = isinstance(case.test, FormingTable)
+    forms = isinstance(case.test, FormingTable | FishnetTable)
     experiment = case.forming(network) if forms else case.experiment(network)
     for sentence in experiment.check():
         log.info("%s%s", INDENT, sentence)
@@ -80,7 +82,9 @@ def run_case(
     there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
     every rank after all that was reached is on disk.
     """
-    kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
+    kind: type[_Run] = _FormingRun if isinstance(case.test, FormingTable) else _Run
+    if isinstance(case.test, FishnetTable):
+        kind = _FishnetRun
     with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
         with logs.kept(comm, directory, log, more=checkpoint is not None) as keep_log:
@@ -515,3 +519,56 @@ class _FormingRun(_Run):
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)
+
+
+class _FishnetRun(_Run):
+    """A fishnet on the way to its results; all methods are collective."""
+
+    def _run(self) -> dict[str, Any]:
+        case, log, comm, directory = self.case, self.log, self.comm, self.directory
+        check_work(comm, case)
+        log.info("%s", case.title)
+        logs.tell_program(log, comm.size)
+        network, statistics = _make_network(comm, case, self.stages)
+        with self.stages.stage("solve", "laid"):
+            draping = case.forming(network)
+            assert isinstance(draping, Draping)
+            told = draped.summarize(case, draping, statistics)
+        self.failure = draping.failure()
+        given = [*draping.remarks, *_remarks(case, network, None), *told.pop("warnings")]
+        for sentence in given:
+            log.warning("warning       %s", sentence)
+        self.summary |= told | {"warnings": given}
+        if self.failure is not None:
+            self.summary["ended_early"] = str(self.failure)
+        self._open_checkpoint()
+        with self.stages.stage("write", "results written"):
+            self._write_csv("curve.csv", draped.curve(self.summary))
+            draped.write_fields(directory / "fields.csv", draping)
+            for sentence in write_pattern(directory, draping, draping.state, log, case.output.part):
+                self.summary["warnings"].append(sentence)
+                log.warning("warning       %s", sentence)
+            if case.output.exports:
+                export_formed(directory, draping, draping.state)
+            if case.output.paraview:
+                notes = notes_on(network, draping.kind, case.model_dump())
+                draped.write_series(directory, draping, notes)
+        drawn = []
+        if case.output.pictures:
+            with self.stages.stage("pictures", "pictures drawn"):
+                drawn = draped.draw_all(directory, draping, case.title, log)
+        self._write_summary()
+        if case.output.wants_report:
+            view = draped.view_of(draping)
+            write_fishnet_report(comm, directory, case, self.summary, drawn, view)
+        draped.tell_outcome(log, self.summary, directory)
+        if self.failure is not None:
+            raise self.failure
+        return self.summary
+
+    def _open_checkpoint(self) -> None:
+        """Without one: it is done in seconds."""
+        replaced = remove_results(self.comm, self.directory)
+        if replaced:
+            self.log.info("%sreplaces the results of %s", INDENT, replaced)
+        self.keep_log()

@@ -23,6 +23,7 @@ from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
 from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
 from cruciform_petsc.fields import Of, Table
+from cruciform_petsc.forming import fishnet_table as fishnet
 from cruciform_petsc.forming import table as forming
 from cruciform_petsc.tools import tool
 from cruciform_petsc.units import MEASURES
@@ -47,6 +48,7 @@ _SHAPES: dict[Any, str] = {
     fields.Point: "a pair of lengths",
     fields.Sides: "a pair of lengths",
     fields.Ring: "a list of 3 or more pairs of lengths",
+    fields.Line: "a list of 2 or more pairs of lengths",
     list[fields.Line]: "a list of lists of pairs of lengths",
     list[fields.Ring]: "a list of lists of pairs of lengths",
     fields.Pairs: "a list of pairs of numbers",
@@ -93,7 +95,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),
-    ("`[test]`, every kind but forming, drape, inflation", TestTable),
+    ("`[test]`, every kind but forming, drape, inflation, fishnet", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ("`test.stability`", StabilityTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
@@ -104,6 +106,9 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
+    ("`test.fishnet` of forming", fishnet.StartTable),
+    ('`[test]`, `kind = "fishnet"`', fishnet.FishnetTable),
+    ("`least_energy` of a fishnet", fishnet.LeastEnergyTable),
     ("`test.stability` of forming", forming.SoftestTable),
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
@@ -186,7 +191,7 @@ def _in_words(annotation: Any, metadata: list[Any]) -> str:
                 several = ', or {}, `"{}"`'.format(*MEASURES[item.other])
             return f'{what}, `"{item.example or example}"`{several}'
     if get_origin(annotation) is Literal:
-        return " or ".join(f'`"{choice}"`' for choice in get_args(annotation))
+        return " or ".join(f"`{_toml(choice)}`" for choice in get_args(annotation))
     limits = [limit for item in metadata for limit in getattr(item, "metadata", [item])]
     least = next((limit.ge for limit in limits if hasattr(limit, "ge")), None)
     names = {int: "whole number", str: "text", bool: "`true` or `false`", float: "number"}

@@ -27,8 +27,7 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
     """
     rounds: list[Found] = []
     loose, few = 1.0, np.inf
-    lags = any(item.lags for item in equilibrium.model.items)
-    if lags and any(guess.memory.values()):
+    if equilibrium.model.lags and any(guess.memory.values()):
         loose, few = FIRST, np.inf if equilibrium.model.lagged(guess)[2] else FEW
     while len(rounds) < MOST_ROUNDS:
         rounds.append(equilibrium.solve(guess, loose, few))

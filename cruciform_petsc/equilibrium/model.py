@@ -183,6 +183,11 @@ class Model:
         """What an item says against a state, see Item.broken. Collective."""
         return next(filter(None, (item.broken(state) for item in self.items)), None)
 
+    @property
+    def lags(self) -> bool:
+        """Whether an item takes something as given while equilibrium is sought."""
+        return any(item.lags for item in self.items)
+
     def lagged(self, state: State) -> tuple[State, float, float]:
         """A state with what items take as given brought up to date, see Item.lagged. Collective.
 

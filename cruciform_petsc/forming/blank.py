@@ -29,7 +29,9 @@ from ..net.joined import JoinedNodes, ToolNodes
 from ..net.network import Network
 from ..parallel import most
 from ..tools.tool import Tool
+from .lay import Laid
 
+SUMS = ("spent", "slid")  # of what items remember: what only grows
 REST = 0.1  # of a stage: how soon cloth comes to rest
 AT_HINGE = 1 / 3  # a quadrant's corners, its hinge and two arm ends, share its area alike
 
@@ -106,6 +108,8 @@ class Blank:
         Sizes of loads and contacts before the first stage, by name of their items: else 1.
     cuts : mapping, optional
         What stays of the flat blank, by the name of the factor that goes to 0 when it is trimmed.
+    laid : Laid, optional
+        Where it begins, on a tool; by default it is flat.
     prestretch : pair of float
         See PlyNodes.
 
@@ -121,6 +125,8 @@ class Blank:
         What acts on the cloth besides tools, clamps too.
     clamps : list of Clamp
     model : Model
+    is_laid : bool
+        Whether it begins laid on a tool.
     """
 
     _ply: type[Ply] = Ply
@@ -138,6 +144,7 @@ class Blank:
         further: Sequence = (),
         factors: Mapping[str, float] | None = None,
         cuts: Mapping[str, shapely.Polygon] | None = None,
+        laid: Laid | None = None,
         prestretch: tuple[float, float] = (1.0, 1.0),
     ):
         fabric = network.fabric
@@ -196,6 +203,9 @@ class Blank:
         items: list[Item] = [*parts, *self.contacts, viscous, *pushes]
         active = self.nodes.join([ply.active, np.ones(len(tools), bool)])
         self.model = Model(self.nodes, items, active, fabric.c11 + fabric.c22)
+        self.is_laid, self._begin = laid is not None, self.nodes.rest.copy()
+        if laid is not None:
+            self._begin[self.cloth_at] = laid.on_nodes(network, ply.nodes)
 
     def _lay(self, bending: bool) -> Ply:
         """The cloth."""
@@ -224,12 +234,27 @@ class Blank:
         return Hold(nodes, self.nodes.frame[nodes], fixed, place, cloth.turn, rotations)
 
     def start(self) -> State:
-        """At rest, the tools where they start."""
+        """At rest, or laid on a tool, the tools where they start."""
         place = self.nodes.rest[self.tool_node]
         rotations = {tool.name: tool.start.turn for tool in self.tools}
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
-        state = State(self.nodes.rest, hold, factors=self.factors)
+        state = State(self._begin, hold, factors=self.factors)
         return replace(state, memory=self.model.accepted(state))
+
+    def placed_anew(self, state: State, moved: np.ndarray) -> State:
+        """A state whose nodes ``moved``, bool (n_local,), remember but what they have spent.
+
+        Rows of what items remember are by their keepers.
+        """
+        fresh, memory = self.model.accepted(replace(state, memory={})), {}
+        for item in self.model.items:
+            kept = dict(state.memory.get(item.name, {}))
+            for name, new in fresh.get(item.name, {}).items():
+                if name not in SUMS and name in kept:
+                    rows = moved[item.keepers].reshape(-1, *[1] * (new.ndim - 1))
+                    kept[name] = np.where(rows, new, kept[name])
+            memory[item.name] = kept
+        return replace(state, memory=memory)
 
     def area_of_nodes(self) -> np.ndarray:
         """Area that each node stands for, (n_local,), m^2; none of tools."""

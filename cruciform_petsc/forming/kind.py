@@ -22,13 +22,15 @@ from ..items.item import Item
 from ..items.loads import G, PressureAbove, Suction
 from ..items.ply import Ply
 from ..net.network import Network
-from ..parallel import least
+from ..parallel import least, most
+from ..quantities import length
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from .blank import Blank, ContactSettings, TrussBlank, length_of
 from .failures import explain
+from .fishnet_table import Draped
 from .forming import Formed, FormingStep, form
-from .measures import length
+from .progressive import Rows
 from .table import (
     PRESSURES,
     ArrangedTable,
@@ -40,6 +42,7 @@ from .table import (
     check_pressure,
     check_stages,
     course_of,
+    laying_stages,
 )
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
@@ -47,11 +50,12 @@ COARSE = 1.25  # arms over a radius: beyond, the net cuts the corner
 FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
+OFF_PLANE = 1e-3  # of a pitch: by how much laid cloth may leave a plane of symmetry
 BESIDE = 0.6  # of the smaller of both: how much of tool and blank lies over each other as a rule
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
 
 
-def _tables(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
+def tables_of(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
     """Tables, of which scripts may give plain data with numbers in SI."""
     return [
         table if isinstance(table, kind) else kind.from_data(table, f"{key}[{i}]", bare=True)
@@ -81,6 +85,8 @@ class Forming:
     tools : list of Tool
         Where they start.
     blank : Blank
+    draped : Draped or None
+        What it begins as, if it begins laid on a tool.
     plans : list of StagePlan
     remarks : list of str
         What of tools and blank is hardly meant.
@@ -94,6 +100,7 @@ class Forming:
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
+    draped: Draped | None = None
     # Items whose factors grow over the first stage, besides preloads.
     growing: ClassVar[tuple[str, ...]] = ()
 
@@ -111,19 +118,23 @@ class Forming:
         self.network, self.options, fabric = network, options or {}, network.fabric
         test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
-        tables = _tables(ToolTable, "tool", tools)
-        self.stages = _tables(StageTable, "stage", stages)
-        self.clamps = _tables(ClampTable, "clamp", clamps)
+        tables = tables_of(ToolTable, "tool", tools)
+        self.stages = tables_of(StageTable, "stage", stages)
+        self.clamps = tables_of(ClampTable, "clamp", clamps)
         test.check(network.preform, fabric)
         check_stages(test, tables, self.stages, self.clamps)
         check_course(test, fabric, self.stages)
         check_pressure(test, network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
         self.thickness = fabric.needed("thickness", "forming")
-        self.tools = [self._make(table, folder) for table in tables]
+        self.tools = self._laid_on(tables, folder)
+        self.rows = self._rows()
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
         grown = dict.fromkeys(self._growing(), 1.0)
+        for i in range(0 if self.rows is None else len(self.rows.last)):
+            more = self.rows.factors(i) if self.rows else {}
+            self.plans[i] = replace(self.plans[i], factors={**self.plans[i].factors, **more})
         self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
         height = WAVES * self.thickness if wave.height is None else wave.height.si
@@ -146,7 +157,11 @@ class Forming:
         self.settings = settings
         truss = test.model == "truss"  # whose yarns bend by no waves
         waves = (height, wave.seed) if height and not truss else None
-        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves)
+        laid = None if self.draped is None else self.draped.laid
+        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves, laid=laid)
+        if self.draped is not None:
+            self.remarks += self.draped.remarks()
+            self._check_planes()
         self.blank.ply.cruciforms.course = course_of(test, self.stages)
 
     def _load(self) -> float:
@@ -156,7 +171,7 @@ class Forming:
             weight = G * self.network.fabric.needed("areal_density", "test.gravity = true")
         pushes = [(stage.pressure, stage.suction) for stage in self.stages]
         largest = max((abs(push.si) for both in pushes for push in both if push), default=0.0)
-        return largest + weight
+        return max(largest, *map(abs, self._pressed().values()), 0.0) + weight
 
     def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
         """A blank of a kind among the tools. Collective."""
@@ -170,13 +185,23 @@ class Forming:
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
             prestretch=prestretch(getattr(self.test, "pretension", None), self.network.fabric),
-            factors=dict.fromkeys((*PRESSURES, *self._growing()), 0.0),
+            factors=dict.fromkeys((*PRESSURES, *self._growing(), *self._held_back()), 0.0)
+            | self._pressed(),
             **further,
         )
 
+    def _pressed(self) -> dict[str, float]:
+        """What presses laid cloth onto its tool from the start, Pa, by name of its item."""
+        press = None if self.test.fishnet is None else self.test.fishnet.press
+        return {} if press is None else {"suction": press.si}
+
+    def _held_back(self) -> dict[str, shapely.Polygon]:
+        """What of the flat blank is laid before other rows, by what holds these back."""
+        return {} if self.rows is None else self.rows.cuts()
+
     def _cuts(self) -> dict[str, shapely.Polygon]:
         """What stays where stages trim the blank, by the factor that their plans send to 0."""
-        cuts, blank = {}, self.network.preform.outline
+        cuts, blank = self._held_back(), self.network.preform.outline
         for i, stage in enumerate(self.stages):
             if stage.trim is None:
                 continue
@@ -205,13 +230,65 @@ class Forming:
             "suction": lambda ply: Suction(ply, -1.0),
         }
         named = [key for key in make if any(getattr(s, key) is not None for s in self.stages)]
+        named += [key for key in self._pressed() if key not in named]
         return [make[key] for key in named]
 
     # -- tools --------------------------------------------------------------------------------
 
+    def _laid_on(self, tables: Sequence[ToolTable], folder: Path) -> list[Tool]:
+        """The tools, after the cloth has been laid on one if it begins so."""
+        if self.test.fishnet is None:
+            return [self._make(table, folder) for table in tables]
+        table = self.test.fishnet
+        name = table.tool or next(iter(self.below))
+        number = next(k for k, tool in enumerate(tables) if tool.name == name)
+        first = self._make(tables[number], folder)
+        try:
+            below, gap = name in self.below, 0.5 * self.thickness
+            self.draped = table.lay(self.network, first, below, gap)
+        except InputError as error:
+            raise InputError(f"test.fishnet: {error}") from None
+        if self.draped.laid.limit:
+            raise InputError(
+                f"test.fishnet: {self.draped.laid.limit}; a forming can begin with all of the "
+                "cloth only: choose another seed, or a smaller blank"
+            )
+        return [
+            first if k == number else self._make(other, folder) for k, other in enumerate(tables)
+        ]
+
+    def _rows(self) -> Rows | None:
+        """Pieces that are laid one after the other, if they are; with stages of their own."""
+        table = self.test.fishnet
+        if table is None or table.pieces is None or self.draped is None:
+            return None
+        at, limit = self.draped, table.locking_angle.si
+        rows = Rows.of(self.network, at.first, at.seed, limit, table.pieces)
+        if len(rows.last) < table.pieces:
+            raise InputError(
+                f"test.fishnet.pieces = {table.pieces} is more than the {len(rows.last)} rows "
+                "that there are around the seed"
+            )
+        self.stages = [*laying_stages(self.test), *self.stages]
+        return rows
+
+    def _check_planes(self) -> None:
+        """Refuse a laid cloth that leaves planes of symmetry. Collective."""
+        state = self.blank.start()
+        hold = state.hold
+        gap = np.einsum("nij,nj->ni", hold.axes, hold.place - state.x[hold.nodes])
+        off = most(self.network.comm, abs(gap[hold.fixed]), 0.0)
+        if off > OFF_PLANE * float(self.network.pitch.min()):
+            raise InputError(
+                f"test.fishnet: the laid cloth leaves a plane of symmetry by {length(off)}: the "
+                'seed must lie there, and its yarns along it (generators = "upright", no turn)'
+            )
+
     def _points(self) -> np.ndarray:
         """Crossovers and arm ends of this rank where the blank lies, (n, 3), m."""
         net = self.network
+        if self.draped is not None:
+            return self.draped.laid.points
         flat = [net.crossover_position, net.node_position[: net.num_nodes_owned]]
         return np.pad(np.concatenate(flat), ((0, 0), (0, 1)), constant_values=0.5 * self.thickness)
 
@@ -379,7 +456,7 @@ class Forming:
 
     def check(self) -> list[str]:
         """What there is to say before anything is solved: where tools start, and their gaps."""
-        told = []
+        told = [] if self.draped is None else [self.draped.told()]
         for tool in self.tools:
             side = "below" if tool.name in self.below else "above"
             x, y, z = map(length, tool.start.place)
@@ -388,6 +465,12 @@ class Forming:
                 f'tool "{tool.name}", {side} the cloth, starts at {x}, {y}, {z}, {gap} from it'
             )
         return told
+
+    def _between(self, state: State, number: int) -> State:
+        """What a stage, by its number, begins with: rows laid anew. Collective."""
+        assert self.rows is not None
+        begins = 0 < number < len(self.rows.last)
+        return self.rows.next(self.blank, state, number) if begins else state
 
     def solve(
         self,
@@ -408,13 +491,15 @@ class Forming:
                 options=self.options,
                 accepted=accepted,
                 keeper=keeper,
+                between=self._between if self.rows is not None else None,
                 modes=self.test.stability.modes if self.test.stability else 0,
             )
             return replace(formed, of=self)
         except EquilibriumError as error:
             if error.result is not None:
                 error.result.of = self
-            explain(self.blank, self.stages, error, keeper is not None, self.kind)
+            laying = 0 if self.rows is None else len(self.rows.last)
+            explain(self.blank, self.stages, error, keeper is not None, self.kind, laying)
             raise
 
 

@@ -13,7 +13,7 @@ import shapely
 from ..equilibrium.state import State
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..units import format_si
+from ..quantities import length
 from .blank import Blank, push_name
 
 MOST_EDGES = 8  # of an outline with more, all are told as one
@@ -233,8 +233,3 @@ def across(warp: np.ndarray, weft: np.ndarray) -> np.ndarray:
     """Unit vectors across yarns (n, 3), along warp times weft; NaN where there are none."""
     normal = np.cross(warp, weft)
     return normal / np.linalg.norm(normal, axis=1)[:, None]
-
-
-def length(value: float) -> str:
-    """Write a length [m] for people: four digits of it, down to nanometres."""
-    return format_si(float(f"{round(value, 9):.4g}") + 0.0, "m")

@@ -249,6 +249,8 @@ def summarize(
         "work_of_loads_j": dict(last.load_work),
         **forming.figures(formed),
     }
+    if forming.draped is not None:
+        summary["fishnet"] = forming.draped.figures()
     if forming.test.symmetry:
         summary["symmetry"] = {
             "planes": list(forming.test.symmetry),
@@ -656,8 +658,11 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
 
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
-    mine = forming.network.comm.rank == 0
-    every = _tool_facets(forming, state, facets)
+    return tool_arrays(_tool_facets(forming, state, facets), forming.network.comm.rank == 0)
+
+
+def tool_arrays(every: Sequence[Facets], mine: bool) -> dict[str, np.ndarray]:
+    """Arrays of tools' triangles where they stand; none on a rank that has none of them."""
     points, triangles = _joined(every)
     number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:

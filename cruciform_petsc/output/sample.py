@@ -109,10 +109,10 @@ def sample_surface(
     """Gather crossovers, or every k-th of both families, on rank 0; none on others. Collective.
 
     ``place`` (n_owned, 3) is where this rank's crossovers are, m; ``values`` (n_owned,) are theirs.
-    The order is the same in each state of a network.
+    The order is the same in each state of a network; those without a place, NaN, are left out.
     """
     every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
-    taken = (network.crossover_ij % every == 0).all(axis=1)
+    taken = (network.crossover_ij % every == 0).all(axis=1) & ~np.isnan(place[:, 0])
     own = np.column_stack([network.crossover_ij, place, *values.values()])[taken]
     rows = np.concatenate(network.comm.gather(own) or [own[:0]])
     i, j = (rows[:, :2] // every).astype(np.int64).T

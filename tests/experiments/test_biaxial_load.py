@@ -77,6 +77,8 @@ def test_under_pretension():
     ]
     found = CLOTH.tension(stretch)[1] / np.array(test.prestretch)[::-1]
     np.testing.assert_allclose(found, [800.0, 800.0], rtol=1e-6)
+    for side in ("warp", "weft"):
+        assert curve[f"tension_centre_{side}_N_per_cm"] == pytest.approx([5.0, 8.0], rel=1e-6)
 
 
 YARN = {"yarns": "2 /cm", "yarn_bending": "0.1 N mm^2"}
