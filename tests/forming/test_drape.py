@@ -98,7 +98,7 @@ def test_published_coefficient(tmp_path):
     ("change", "message"),
     [
         (("[test]", "[[stage]]\nname = 'x'\n[test]"), 'stage is for test.kind = "forming"'),
-        (('kind = "drape"', 'kind = "drape"\ngravity = false'), "test.gravity must be True"),
+        (('kind = "drape"', 'kind = "drape"\ngravity = false'), "test.gravity must be true"),
         (
             ('kind = "drape"', 'kind = "drape"\nsupport_radius = "160 mm"'),
             "does not cover the disc",
