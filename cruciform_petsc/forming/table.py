@@ -230,6 +230,11 @@ class FormingTable(KindTable):
                 "test.fishnet.pieces are laid in no time, which fabric.shear_viscosity needs: "
                 "leave one of them out"
             )
+        if self.model == "truss" and self.fishnet is not None and self.fishnet.press is not None:
+            problems.append(
+                'test.fishnet.press is not for test.model = "truss", whose surface it would not '
+                "follow"
+            )
         problems.tell()
 
 

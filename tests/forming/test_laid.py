@@ -133,6 +133,13 @@ def test_resumed(tmp_path, vacuum):
         ),
         ([("fishnet = {}", 'fishnet = { locking_angle = "10 deg" }')], "all of the cloth only"),
         ([("fishnet = {}", 'fishnet = { seed = ["99 mm", "0 mm"] }')], "test.fishnet: the seed"),
+        (
+            [
+                ("fishnet = {}", 'model = "truss"\nfishnet = { press = "2 kPa" }'),
+                ('suction = "40 kPa"\n', ""),
+            ],
+            'test.fishnet.press is not for test.model = "truss"',
+        ),
     ],
 )  # fmt: skip
 def test_mistakes(tmp_path, capfd, changes, told):
