@@ -201,6 +201,7 @@ def test_steps_are_those_of_the_test(tmp_path, monkeypatch):
     [
         ("", "test needs a pressure, corners or both"),
         ('pressure = "1 bar"', 'test.pressure = "1 bar"'),
+        ('pressure = "1 kPa"\nfishnet = {}', "test.fishnet lays cloth on a tool, which"),
         ('pressure = "1 kPa"\npretension = "-1 N/cm"', 'zero or positive, got "-1 N/cm"'),
         (
             'pressure = "1 kPa"\npretension = ["1 N/cm", "1 N/cm", "1 N/cm"]',
