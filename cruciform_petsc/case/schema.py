@@ -399,7 +399,7 @@ class Case(Table):
             )
         if fabric and forming:
             with problems.caught():
-                check_course(fabric, self.stages)
+                check_course(self.test, fabric, self.stages)
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")

@@ -215,7 +215,7 @@ class Blank:
             one.ply = ply = one._lay(bending)
             ply.nodes.rest[:, 2] = one.height
             if weight:
-                ply.further.append(gravity(ply, "gravity"))
+                ply.further.append(gravity(ply, "gravity", stretched=float(np.prod(prestretch))))
             ply.cuts = cuts
             if waves is not None:
                 ply.further.append(imperfection(ply, *waves))
@@ -348,7 +348,12 @@ class Blank:
         rotations = {tool.name: tool.start.turn for tool in self.tools}
         hold = self.hold(place, np.zeros(place.shape, bool), rotations)
         state = State(self._begin, hold, factors=self.factors)
-        return replace(state, memory=self.model.accepted(state))
+        # What laying it has taken is none of what is told.
+        memory = {
+            item: {n: np.zeros_like(v) if n in SUMS else v for n, v in kept.items()}
+            for item, kept in self.model.accepted(state).items()
+        }
+        return replace(state, memory=memory)
 
     def placed_anew(self, state: State, moved: np.ndarray) -> State:
         """A state whose nodes ``moved``, bool (n_local,), remember but what they have spent.

@@ -197,7 +197,7 @@ class Fishnet:
         i, j = (np.asarray(joints) - self.first).T
         return i, j
 
-    def put(self, axis: int, sign: int, line: np.ndarray, needed: int) -> None:
+    def place(self, axis: int, sign: int, line: np.ndarray, needed: int) -> None:
         """Lay a generator, float (n, 3), from the seed along an axis: of it what the block has.
 
         Joints that are laid already stay. Where it is shorter than is ``needed``, it has come off

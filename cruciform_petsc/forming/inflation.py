@@ -77,6 +77,8 @@ class InflationTable(ArrangedTable):
     def _something_happens(self) -> InflationTable:
         if self.pressure is None and self.corners is None:
             raise ValueError("needs a pressure, corners or both")
+        if self.fishnet is not None:
+            raise ValueError(".fishnet lays cloth on a tool, which an inflated net has not")
         if self.corners is not None:
             if self.slides:
                 raise ValueError(".corners hold edges in place, without slides")

@@ -138,7 +138,7 @@ class Forming:
             self._check_plies(test)
         for net in self.networks:
             test.check(net.preform, net.fabric)
-            check_course(net.fabric, self.stages)
+            check_course(test, net.fabric, self.stages)
         check_stages(test, tables, self.stages, self.clamps)
         check_pressure(test, self.network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)

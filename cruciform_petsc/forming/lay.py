@@ -100,7 +100,7 @@ def lay(network: Network, first: np.ndarray, seed: Seed, locking: float) -> Laid
     Raises InputError on every rank as Seed does.
     """
     block = Block(network, first, seed, locking)
-    block.put(seed.generators(block.net.link, block.counts))
+    block.place(seed.generators(block.net.link, block.counts))
     block.sweep()
     return block.result()
 
@@ -128,10 +128,10 @@ class Block:
         self._mine = wanted.copy()
         self._mine.reshape(-1)[self._ghosts] = False
 
-    def put(self, lines: Sequence[np.ndarray]) -> None:
+    def place(self, lines: Sequence[np.ndarray]) -> None:
         """Lay the generators, four float (n, 3), where nothing is laid yet. Not collective."""
         for k, line in enumerate(lines):
-            self.net.put(k % 2, 1 if k < 2 else -1, line, self.counts[k])
+            self.net.place(k % 2, 1 if k < 2 else -1, line, self.counts[k])
 
     def sweep(self) -> None:
         """Lay all that can be."""

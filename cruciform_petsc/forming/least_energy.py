@@ -87,7 +87,7 @@ class CoarseNet:
         wanted = _before(inside, low)
         counts = [int(n) for n in (high[0], high[1], -low[0], -low[1])]
         for k, line in enumerate(seed.generators(self.pitch, counts)):
-            net.put(k % 2, 1 if k < 2 else -1, line, counts[k])
+            net.place(k % 2, 1 if k < 2 else -1, line, counts[k])
         net.sweep(wanted)
         shear = net.shear()[inside]
         shear = np.where(np.isnan(shear), self.locking, shear)

@@ -89,7 +89,7 @@ class Rows:
             known = inner[node] if good is None else inner[node] & good
             where = block.net.at(at[known])
             block.net.x[where], block.net.status[where] = place[node[known]], LAID
-        block.put(self._lines(blank, place, inner, block.counts))
+        block.place(self._lines(blank, place, inner, block.counts))
         block.sweep()
         laid = block.result()
         if laid.limit:

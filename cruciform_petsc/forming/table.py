@@ -230,6 +230,11 @@ class FormingTable(KindTable):
                 "test.fishnet.pieces are laid in no time, which fabric.shear_viscosity needs: "
                 "leave one of them out"
             )
+        if self.model == "truss" and self.fishnet is not None and self.fishnet.press is not None:
+            problems.append(
+                'test.fishnet.press is not for test.model = "truss", whose surface it would not '
+                "follow"
+            )
         problems.tell()
 
 
@@ -354,9 +359,14 @@ def laying_stages(test: FormingTable) -> list[StageTable]:
     return [StageTable(name=name) for name in names]
 
 
-def check_course(fabric: Fabric, stages: Sequence[StageTable]) -> None:
+def check_course(test: FormingTable, fabric: Fabric, stages: Sequence[StageTable]) -> None:
     """Raise InputError if the time or the temperature of stages is missing, or is for nothing."""
     problems, flows = Problems(), fabric.shear_viscosity is not None
+    if flows and isinstance(test, ArrangedTable):
+        raise InputError(
+            f'test.kind = "{test.kind}" runs at no speed that fabric.shear_viscosity could act by, '
+            "leave that out"
+        )
     for i, stage in enumerate(stages):
         if flows and stage.duration is None:
             problems.append(

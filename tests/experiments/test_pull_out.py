@@ -138,7 +138,9 @@ def test_what_a_table_makes():
         SLIP | {"friction": 0.4, "crimp_angle": "30 deg", "yarns": "weft", "elastic_slip": "2 um"}
     )
     slip = table.build()
-    assert (slip.force, slip.coefficient) == pytest.approx((0.05, 0.2))
+    # 2 sin(30 deg): a yarn with the tension T presses on the one it crosses by 2 T sin, from both
+    # sides.
+    assert (slip.force, slip.coefficient) == pytest.approx((0.05, 0.4))
     assert (slip.families, slip.region, slip.closest) == ((False, True), None, 0.2)
     assert slip.elastic == pytest.approx(2e-6)
 

@@ -29,7 +29,7 @@ def laid(surface, start, warp, link, counts, gap=0.0, locking=1.55, between=90.0
     needed = [*(counts + 1), *(counts + 1)]
     lines = march(surface, gap, np.array(start, float), along, np.tile(link, 2), needed)
     for k, line in enumerate(lines):
-        net.put(k % 2, 1 if k < 2 else -1, line, needed[k])
+        net.place(k % 2, 1 if k < 2 else -1, line, needed[k])
     net.sweep(np.ones(net.shape, bool))
     return net
 

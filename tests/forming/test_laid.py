@@ -53,6 +53,16 @@ def test_energies_balance(vacuum):
     assert stored + spent == pytest.approx(given, rel=0.3)  # work by trapezia, in few steps
 
 
+def test_what_laying_has_taken_is_not_counted(tmp_path):
+    """Friction of shear holds laid cloth as it lies, and has dissipated nothing so far."""
+    friction = 'shear = { modulus = "0.02 N/cm" }\nshear_friction = { torque = "0.01 N/mm" }'
+    forming = made(written(tmp_path, ('shear = { modulus = "0.02 N/cm" }', friction)))
+    start = forming.blank.start()
+    assert np.rad2deg(abs(shear_of(forming, start)).max()) > 10.0
+    assert set(forming.blank.spent(start).values()) == {0.0}
+    assert abs(start.memory["cruciforms"]["anchor"]).max() > 0.1
+
+
 def test_no_shear_on_a_cylinder(tmp_path):
     """Cloth that is laid on a cylinder at an angle stays as it is, but for its bending."""
     path = written(
@@ -123,6 +133,13 @@ def test_resumed(tmp_path, vacuum):
         ),
         ([("fishnet = {}", 'fishnet = { locking_angle = "10 deg" }')], "all of the cloth only"),
         ([("fishnet = {}", 'fishnet = { seed = ["99 mm", "0 mm"] }')], "test.fishnet: the seed"),
+        (
+            [
+                ("fishnet = {}", 'model = "truss"\nfishnet = { press = "2 kPa" }'),
+                ('suction = "40 kPa"\n', ""),
+            ],
+            'test.fishnet.press is not for test.model = "truss"',
+        ),
     ],
 )  # fmt: skip
 def test_mistakes(tmp_path, capfd, changes, told):
