@@ -191,6 +191,20 @@ def _test(case: Case, name: str) -> dict[str, Any]:
             f'test.kind of {name} is "{test.kind}", a shear law is identified from and compared '
             f'with kind = "{KINDS[0]}" or "{KINDS[1]}" only'
         )
+    for key in ("slip", "pretension"):
+        if getattr(test, key, None) is not None:
+            raise InputError(
+                f"test.{key} of {name} is nothing that a shear law is found with, leave it out"
+            )
+    if test.model == "truss":
+        raise InputError(
+            f'test.model of {name} is "truss", a shear law is found for cruciforms, leave it out'
+        )
+    if case.fabric().shear_viscosity is not None:
+        raise InputError(
+            f"fabric.shear_viscosity of {name} is nothing that a shear law is found with: leave it "
+            "out, and take a curve of a slow test"
+        )
     upper = getattr(test, "upper", "grip")
     return {"kind": test.kind, "upper": upper, "bending": test.bending}
 

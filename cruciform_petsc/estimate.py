@@ -16,6 +16,8 @@ import numpy as np
 from .continuum.sizes import default_size, finite_size, formed_size
 from .errors import InputError
 from .experiments.experiment import BYTES
+from .forming.fishnet_table import FishnetTable
+from .forming.least_energy import BEST, TRIES
 from .memory import check_memory, size_text
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ FORMING = 4  # times that, of a step of forming: contacts switch, friction settl
 # Of a crossover: bytes and seconds of a linear system at small displacements, of a tangent, of one
 # in space; of a state that is kept.
 _SMALL, _FINITE, _SPACE, _STATE = (11e3, 40e-6), (17e3, 50e-6), (56e3, 170e-6), 250.0
+_LAID = (3e3, 20e-6)  # of a crossover of a fishnet
 # Of an unknown of a membrane: bytes and seconds, and times that with bending yarns.
 _MEMBRANE, _SECOND_GRADIENT = (1.9e3, 10e-6), (3.0, 6.0)
 _UNKNOWNS_PER_TRIANGLE = 9.0  # of degree 3
@@ -52,9 +55,11 @@ class Part:
 def estimate(case: Case) -> list[Part]:
     """Parts of a case, the test first. Nothing is made for it; numbers may be infinite."""
     test, continuum = case.test, case.continuum
+    if isinstance(test, FishnetTable):
+        return [_fishnet(case, test)]
     if case.stages:
-        values = sum(stage.results for stage in case.stages)
-        steps = FORMING * sum(stage.steps for stage in case.stages)
+        values = sum(stage.results for stage in case.all_stages)
+        steps = FORMING * sum(stage.steps for stage in case.all_stages)
     else:
         values = len(test.values_si)
         steps = max(values, test.increments or 1) if test.finite else 1
@@ -92,11 +97,33 @@ def estimate(case: Case) -> list[Part]:
     return parts + [_network(case, refine, steps, values) for refine in continuum.ladder or ()]
 
 
+def _fishnet(case: Case, test: FishnetTable) -> Part:
+    """The net, laid once, and coarse ones before it where the least energy is sought."""
+    preform = case.preform()
+    with np.errstate(over="ignore", divide="ignore"):
+        crossovers = float(np.float64(preform.outline.area) / np.prod(preform.pitch(case.fabric())))
+    wanted = test.least_energy
+    nets = 0 if wanted is None else 9 * (wanted.places**2 + 1) + BEST * TRIES
+    return Part(
+        "the fishnet",
+        f"about {_count(crossovers)} crossovers",
+        "choose a coarser pitch (refine, yarns_per_cruciform)",
+        _LAID[0] * crossovers,
+        0.5 * _LAID[0] * crossovers,
+        _LAID[1] * crossovers + 0.05 * nets,
+    )
+
+
 def _network(case: Case, refine: int | None, steps: int, values: int) -> Part:
     """The test on the case's network, or on one of the ladder."""
     preform, finite = case.preform(refine), case.test.finite
+    plies = [(preform, case.fabric())]
+    if case.plies and refine is None:
+        plies = [(ply.preform, ply.fabric) for ply in case.stack()]
     with np.errstate(over="ignore", divide="ignore"):
-        crossovers = float(np.float64(preform.outline.area) / np.prod(preform.pitch(case.fabric())))
+        crossovers = sum(
+            float(np.float64(cut.outline.area) / np.prod(cut.pitch(cloth))) for cut, cloth in plies
+        )
     space = case.test.space
     each, seconds = _SPACE if space else _FINITE if finite else _SMALL
     # Two arm ends; at finite deformation hinges, too; rotations at small displacements.

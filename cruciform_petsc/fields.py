@@ -291,7 +291,8 @@ def _sentence(model: type[Table], data: Any, above: str, error: dict[str, Any]) 
         words = str(context["error"])
         return f"{key}{words}" if words[0] in ".:" else f"{key} {words}"
     if kind == "literal_error":
-        return f"{key} must be {context['expected'].replace(chr(39), chr(34))}, got {got}"
+        expected = {"True": "true", "False": "false"}.get(context["expected"], context["expected"])
+        return f"{key} must be {expected.replace(chr(39), chr(34))}, got {got}"
     if kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
         which = "at least" if kind == "too_short" else "at most"

@@ -155,6 +155,11 @@ def si_text(value: float, unit: str) -> str:
     return format_si(float(f"{value:.4g}"), unit)
 
 
+def length(value: float) -> str:
+    """Write a length [m] for people: four digits of it, down to nanometres."""
+    return si_text(round(value, 9) + 0.0, "m")
+
+
 def force_text(value: float) -> str:
     """A force (N) for people, in mN if it is small."""
     return si_text(value, "N") if abs(value) >= SMALL_FORCE else f"{1e3 * value:.4g} mN"

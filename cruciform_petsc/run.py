@@ -18,6 +18,8 @@ from .calibration.curve import MeasuredCurve, read_curve
 from .calibration.specimen import KINDS as SPECIMENS
 from .calibration.specimen import Specimen, unit_question
 from .case.schema import Case
+from .cloth.fabric import Fabric
+from .cloth.preform import Preform
 from .compare import against_measured, load_line
 from .continuum.compare import Reference
 from .continuum.formed import FormedReference
@@ -27,11 +29,13 @@ from .experiments.experiment import Experiment
 from .experiments.limits import warnings
 from .experiments.registry import KINDS, kind_class
 from .experiments.result import TestResult
+from .forming.draping import Draping
+from .forming.fishnet_table import FishnetTable
 from .forming.forming import Formed
 from .forming.kind import Forming
 from .forming.table import FormingTable
 from .net.network import Network
-from .output import figures, formed, paraview, tables
+from .output import draped, figures, formed, paraview, tables
 from .output import log as logs
 from .output.checkpoint import Checkpoint, resume_command
 from .output.exports import export, export_formed
@@ -40,7 +44,7 @@ from .output.log import INDENT, Stages
 from .output.pattern import write_pattern
 from .output.progress import Progress, sign_of_life
 from .output.provenance import file_notes, notes_on
-from .output.report import write_forming_report, write_report
+from .output.report import write_fishnet_report, write_forming_report, write_report
 from .output.summary import summarize, summarize_nothing
 from .parallel import on_root
 from .solvers.options import unused_options
@@ -52,15 +56,16 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     log.info("%s", case.title)
     for sentence in check_work(comm, case):
         log.info("%s%s", INDENT, sentence)
-    network, _ = _make_network(comm, case, Stages(log))
+    networks, _ = _make_networks(comm, case, Stages(log))
+    network = networks[0]
     log.info("%s%s, %s", INDENT, case.test.kind, _size(case))
     for sentence in _remarks(case, network, measured):
         log.warning("warning       %s", sentence)
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
         log.info("%s%d unknowns", INDENT, per_node * network.num_nodes_global)
-    forms = isinstance(case.test, FormingTable)
-    experiment = case.forming(network) if forms else case.experiment(network)
+    forms = isinstance(case.test, FormingTable | FishnetTable)
+    experiment = case.forming(networks) if forms else case.experiment(network)
     for sentence in experiment.check():
         log.info("%s%s", INDENT, sentence)
     for sentence in experiment.remarks:
@@ -80,7 +85,9 @@ def run_case(
     there. A test that ends early, or a membrane that cannot be solved, raises its SolverError on
     every rank after all that was reached is on disk.
     """
-    kind = _FormingRun if isinstance(case.test, FormingTable) else _Run
+    kind: type[_Run] = _FormingRun if isinstance(case.test, FormingTable) else _Run
+    if isinstance(case.test, FishnetTable):
+        kind = _FishnetRun
     with locked(comm, directory, (*OF_RUN, LOG), log), catch_warnings():
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
         with logs.kept(comm, directory, log, more=checkpoint is not None) as keep_log:
@@ -132,16 +139,37 @@ def _make_network(
     comm: MPI.Intracomm, case: Case, stages: Stages
 ) -> tuple[Network, Mapping[str, Any]]:
     """The network of a case and its sizes, told on the log. Collective."""
-    fabric, preform = case.fabric(), case.preform()
-    stages.log.info("%s%r", INDENT, fabric)
     for sentence in case.fabric_table.filled_in():
         stages.log.info("%s%s", INDENT, sentence)
+    return _network_of(comm, case.fabric(), case.preform(), stages)
+
+
+def _network_of(
+    comm: MPI.Intracomm, fabric: Fabric, preform: Preform, stages: Stages
+) -> tuple[Network, Mapping[str, Any]]:
+    stages.log.info("%s%r", INDENT, fabric)
     stages.log.info("%s%r", INDENT, preform)
     with stages.stage("network", "network"):
         network = Network(comm, preform, fabric)
         statistics = network.statistics()
     logs.tell_network(stages.log, statistics)
     return network, statistics
+
+
+def _make_networks(
+    comm: MPI.Intracomm, case: Case, stages: Stages
+) -> tuple[list[Network], list[Mapping[str, Any]]]:
+    """Networks of all plies of a forming, from the lowest up, and their sizes. Collective."""
+    if not case.plies:
+        network, statistics = _make_network(comm, case, stages)
+        return [network], [statistics]
+    networks, sizes = [], []
+    for ply in case.stack():
+        stages.log.info('ply           "%s"', ply.name)
+        network, statistics = _network_of(comm, ply.fabric, ply.preform, stages)
+        networks.append(network)
+        sizes.append(statistics)
+    return networks, sizes
 
 
 @dataclass
@@ -409,12 +437,12 @@ class _FormingRun(_Run):
         check_work(comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, comm.size)
-        network, statistics = _make_network(comm, case, self.stages)
+        networks, statistics = _make_networks(comm, case, self.stages)
         with self.stages.stage("set_up", "tools and blank set up"):
-            forming = case.forming(network)
+            forming = case.forming(networks)
         for sentence in forming.check():
             log.info("%s%s", INDENT, sentence)
-        self.summary["warnings"] = [*forming.remarks, *_remarks(case, network, None)]
+        self.summary["warnings"] = [*forming.remarks, *_remarks(case, networks[0], None)]
         for sentence in self.summary["warnings"]:
             log.warning("warning       %s", sentence)
         self._open_checkpoint()
@@ -433,17 +461,12 @@ class _FormingRun(_Run):
             self.summary["ended_early"] = str(self.failure)
         if result.steps:
             with self.stages.stage("write", "results written"):
-                formed.write_fields(self.directory / "fields.csv", forming, result.states[-1])
-                for sentence in write_pattern(
-                    self.directory, forming, result.states[-1], log, case.output.part
-                ):
-                    self.summary["warnings"].append(sentence)
-                    log.warning("warning       %s", sentence)
-                if case.output.exports:
-                    export_formed(self.directory, forming, result.states[-1])
+                for one in forming.each:
+                    self._write_ply(one, result)
                 if case.output.paraview:
-                    notes = notes_on(network, forming.kind, case.model_dump())
-                    formed.write_series(self.directory, forming, result, notes)
+                    for one in forming.each:
+                        notes = notes_on(one.network, forming.kind, case.model_dump())
+                        formed.write_series(self.directory, one, result, notes)
             drawn = []
             if case.output.pictures:
                 with self.stages.stage("pictures", "pictures drawn"):
@@ -466,6 +489,17 @@ class _FormingRun(_Run):
         if self.checkpoint is not None:
             self.checkpoint.remove()
         return self.summary
+
+    def _write_ply(self, forming: Forming, result: Formed) -> None:
+        """Tables and decks of a ply, or of a single blank."""
+        case, state, log = self.case, result.states[-1], self.log
+        path = self.directory / f"fields{forming.suffix}.csv"
+        formed.write_fields(path, forming, state)
+        for sentence in write_pattern(self.directory, forming, state, log, case.output.part):
+            self.summary["warnings"].append(sentence)
+            log.warning("warning       %s", sentence)
+        if case.output.exports:
+            export_formed(self.directory, forming, state)
 
     def _compare_with_membrane(
         self, forming: Forming, result: Formed, record: formed.Record
@@ -515,3 +549,56 @@ class _FormingRun(_Run):
             except EquilibriumError as error:
                 self.failure = error
                 return error.result or Formed(forming.blank)
+
+
+class _FishnetRun(_Run):
+    """A fishnet on the way to its results; all methods are collective."""
+
+    def _run(self) -> dict[str, Any]:
+        case, log, comm, directory = self.case, self.log, self.comm, self.directory
+        check_work(comm, case)
+        log.info("%s", case.title)
+        logs.tell_program(log, comm.size)
+        network, statistics = _make_network(comm, case, self.stages)
+        with self.stages.stage("solve", "laid"):
+            draping = case.forming(network)
+            assert isinstance(draping, Draping)
+            told = draped.summarize(case, draping, statistics)
+        self.failure = draping.failure()
+        given = [*draping.remarks, *_remarks(case, network, None), *told.pop("warnings")]
+        for sentence in given:
+            log.warning("warning       %s", sentence)
+        self.summary |= told | {"warnings": given}
+        if self.failure is not None:
+            self.summary["ended_early"] = str(self.failure)
+        self._open_checkpoint()
+        with self.stages.stage("write", "results written"):
+            self._write_csv("curve.csv", draped.curve(self.summary))
+            draped.write_fields(directory / "fields.csv", draping)
+            for sentence in write_pattern(directory, draping, draping.state, log, case.output.part):
+                self.summary["warnings"].append(sentence)
+                log.warning("warning       %s", sentence)
+            if case.output.exports:
+                export_formed(directory, draping, draping.state)
+            if case.output.paraview:
+                notes = notes_on(network, draping.kind, case.model_dump())
+                draped.write_series(directory, draping, notes)
+        drawn = []
+        if case.output.pictures:
+            with self.stages.stage("pictures", "pictures drawn"):
+                drawn = draped.draw_all(directory, draping, case.title, log)
+        self._write_summary()
+        if case.output.wants_report:
+            view = draped.view_of(draping)
+            write_fishnet_report(comm, directory, case, self.summary, drawn, view)
+        draped.tell_outcome(log, self.summary, directory)
+        if self.failure is not None:
+            raise self.failure
+        return self.summary
+
+    def _open_checkpoint(self) -> None:
+        """Without one: it is done in seconds."""
+        replaced = remove_results(self.comm, self.directory)
+        if replaced:
+            self.log.info("%sreplaces the results of %s", INDENT, replaced)
+        self.keep_log()

@@ -141,7 +141,9 @@ def _crimp(
     for _trial in range(80):
         u_w, f_w, k_w, l_w = _yarn(b_w, h_w, long_w, data[5], compression, width)
         u_e, f_e, k_e, l_e = _yarn(b_e, h_e, long_e, data[6], compression, width)
-        u, v, k = evaluate_law(contact, total - h_w - h_e)
+        # Half of what both rise less is how much closer their axes are where they cross.
+        u, v, k = evaluate_law(contact, 0.5 * (total - h_w - h_e))
+        v, k = 0.5 * v, 0.25 * k
         turn_w, turn_e = h_w - rest_w, h_e - rest_e
         energy = u_w + u_e + u + 0.5 * (data[7] * turn_w * turn_w + data[8] * turn_e * turn_e)
         if done:

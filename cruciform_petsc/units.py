@@ -226,6 +226,8 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
             raise ValueError(f'is the bare number {shown(value)}, give it a unit like "{example}"')
         if not math.isfinite(number):
             raise ValueError(f"must be finite, got {number}")
+        if unit == "K" and number <= 0.0:
+            raise ValueError(f"= {shown(value)} is not above absolute zero")
         return _bounded(number, unit, f"= {shown(value)}")
     if not isinstance(value, str):
         raise ValueError(f'must be {kind} in quotes like "{example}", got {shown(value)}')

@@ -28,6 +28,8 @@ from cruciform_petsc.experiments.table import (
     TestTable,
 )
 from cruciform_petsc.fields import Of, Table
+from cruciform_petsc.forming import fishnet_table as fishnet
+from cruciform_petsc.forming import plies
 from cruciform_petsc.forming import table as forming
 from cruciform_petsc.tools import tool
 from cruciform_petsc.units import MEASURES
@@ -52,6 +54,7 @@ _SHAPES: dict[Any, str] = {
     fields.Point: "a pair of lengths",
     fields.Sides: "a pair of lengths",
     fields.Ring: "a list of 3 or more pairs of lengths",
+    fields.Line: "a list of 2 or more pairs of lengths",
     list[fields.Line]: "a list of lists of pairs of lengths",
     list[fields.Ring]: "a list of lists of pairs of lengths",
     fields.Pairs: "a list of pairs of numbers",
@@ -68,6 +71,7 @@ _SHAPES: dict[Any, str] = {
     list[fields.Point]: "a list of 2 or more pairs of lengths",
     list[tool.ToolTable]: "tables",
     list[forming.ClampTable]: "tables",
+    list[plies.PlyTable]: "tables",
     list[forming.StageTable]: "tables",
     list[forming.SideName]: 'a list of `"left"`, `"right"`, `"lower"`, `"upper"`',
     list[fields.Name]: "a list of texts",
@@ -101,7 +105,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`[preform]`", preform.PreformTable),
     ("`preform.outline`", preform.OutlineTable),
     ("`preform.edges`, by name", preform.EdgeTable),
-    ("`[test]`, every kind but forming, drape, inflation", TestTable),
+    ("`[test]`, every kind but forming, drape, inflation, fishnet", TestTable),
     ("`test.imperfection`", ImperfectionTable),
     ("`test.slip`", SlipTable),
     ("`test.stability`", StabilityTable),
@@ -113,10 +117,14 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ),
     ("`test.imperfection` of forming", forming.WavesTable),
     ("`test.contact`", forming.ContactTable),
+    ("`test.fishnet` of forming", fishnet.StartTable),
+    ('`[test]`, `kind = "fishnet"`', fishnet.FishnetTable),
+    ("`least_energy` of a fishnet", fishnet.LeastEnergyTable),
     ("`test.stability` of forming", forming.SoftestTable),
     ("`[[tool]]`", tool.ToolTable),
     ("`tool.shape`", tool.ShapeTable),
     *((f"`tool.shape.{name}`", table) for name, table in _SHAPES_OF_TOOLS),
+    ("`[[ply]]`", plies.PlyTable),
     ("`[[clamp]]`", forming.ClampTable),
     ("`[[stage]]`", forming.StageTable),
     ("`stage.trim`", forming.TrimTable),

@@ -177,6 +177,8 @@ class Maker:
         kind = self.random.choice((*KINDS, *2 * ("forming",)))
         if kind == "forming":
             return self.forming()
+        if kind == "fishnet":
+            return self.fishnet()
         upright = kind in ("picture-frame", "biaxial", "cantilever", "pull-out")
         test: dict[str, Any] = {"kind": kind, "finite": self.random.random() < 0.5}
         control = {
@@ -271,6 +273,26 @@ class Maker:
         self.maybe(table, "step", self.random.uniform(0.01, 1.0))
         return table
 
+    def laid(self) -> dict[str, Any]:
+        """How a fishnet is laid."""
+        table: dict[str, Any] = {}
+        self.maybe(table, "seed", self.place()[:2])
+        self.maybe(table, "place", self.place()[:2], 0.1)
+        self.maybe(table, "turn", self.quantity(0.1, 90, "deg"))
+        self.maybe(table, "between", self.quantity(1, 170, "deg"), 0.1)
+        self.maybe(table, "generators", self.random.choice(("geodesic", "upright")))
+        self.maybe(table, "warp_line", [self.place()[:2], ["0 m", "0 m"], self.place()[:2]], 0.2)
+        self.maybe(table, "locking_angle", self.quantity(1, 89, "deg"), 0.2)
+        self.maybe(table, "least_energy", {"places": 1, "turn": "0 deg"}, 0.05)
+        return table
+
+    def fishnet(self) -> dict[str, Any]:
+        """A blank on one tool, which it may not meet."""
+        data = self.forming()
+        data["test"] = {"kind": "fishnet"} | self.laid()
+        data["tool"] = data["tool"][:1]
+        return {key: value for key, value in data.items() if key not in ("clamp", "stage")}
+
     def forming(self) -> dict[str, Any]:
         """A blank among tools that should be good, though what they do may make no sense."""
         sides = ("left", "right", "lower", "upper")
@@ -280,6 +302,10 @@ class Maker:
         contact = {"stiffness": self.quantity(1, 100, "kPa/mm"), "elastic_slip": "0.01 mm",
                    "viscosity": self.quantity(0.1, 100, "N s/m^3")}  # fmt: skip
         self.maybe(test, "contact", contact)
+        if self.random.random() < 0.15:
+            test["fishnet"] = self.laid()
+            self.maybe(test["fishnet"], "press", self.quantity(1, 50, "kPa"))
+            self.maybe(test["fishnet"], "pieces", self.random.randint(2, 4))
         fabric: dict[str, Any] = {"use": "glass-pp-plain-1.93"}
         if self.random.random() < 0.3:
             warp, weft = (

@@ -627,8 +627,8 @@ def test_split_arguments(line, own, petsc):
             "run c --ksp_type cg",
             'there is no option "--ksp_type" (known: --set, --from-step, --output, --by, --vary, '
             "--jobs, --ranks, --data, --columns, "
-            "--also, --also-data, --weights, --hold-out, --hold-out-data, --quiet, --verbose, "
-            "--help, --version; PETSc options begin with one dash)",
+            "--also, --also-data, --weights, --hold-out, --hold-out-data, --angle, --poisson, "
+            "--quiet, --verbose, --help, --version; PETSc options begin with one dash)",
         ),
         (
             "run c -ksp_rtol=1e-3",

@@ -42,7 +42,7 @@ FINITE = {
 BIAXIAL = {"biaxial", "biaxial_cross", "biaxial_surface"}
 FORMING = {
     "hemisphere", "capstan", "cushion", "double_dome", "double_dome_45", "drape", "sail",
-    "three_corners",
+    "fishnet", "three_corners", "two_plies",
 }  # fmt: skip
 # Load at which it becomes unstable, N, on the way and linearised; and the closed form's.
 BUCKLING = {
@@ -281,6 +281,20 @@ def test_sail(tmp_path):
     assert told["force_densities"]["rise_mm"] == pytest.approx(600.0, rel=1e-3)
     assert told["volume_m3"][0] == pytest.approx(0.3 * 4.0, rel=5e-3)  # of the saddle, on its way
     assert told["volume_m3"][0] < told["volume_m3"][1] < told["volume_m3"][2]
+
+
+def test_fishnet(tmp_path):
+    """Where the double dome shears most is told: at its ends, the same on one rank and two."""
+    alone, both = run("fishnet", 1, tmp_path / "1"), form("fishnet", 2, tmp_path / "2")
+    assert alone["shear_max_deg"] == pytest.approx(45.7, abs=0.1)
+    assert both["shear_max_deg"] == pytest.approx(alone["shear_max_deg"], rel=1e-9)
+    x, y = np.abs(alone["shear_max_at_mm"]["flat"])
+    assert (x, y) == pytest.approx((91.67, 391.67), abs=0.1)
+    assert alone["fishnet"]["seed_mm"] == [0.0, 0.0]
+    # An inextensible yarn of 250 mm across it ends where that of a forming is held against.
+    assert short_half_axis(tmp_path / "1") == pytest.approx(189.0, abs=0.5)
+    for name in ("formed.png", "shear_map.png", "report.html", "outline.svg"):
+        assert (tmp_path / "1" / name).stat().st_size > 1000
 
 
 def test_three_corners(tmp_path):

@@ -162,7 +162,7 @@ def test_commands():
 
 # Blocks that a test of another file takes whole.
 ELSEWHERE = {"datasheet.md", "outlines.md", "tutorial.md", "tutorial-forming.md"}
-OF_FORMING = {"forming.md", "tools.md"}
+OF_FORMING = {"forming.md", "tools.md", "fishnet.md"}
 # Where keys stand that a block shows without their table.
 TABLES = {
     "shape": lambda keys: {"tool": [{"name": "die", **keys}]},
@@ -193,6 +193,8 @@ def test_pieces_of_cases(tmp_path):
         if wrap := TABLES.get(next(iter(part))):
             part = wrap(part)
         base = whole["forming.md" if page in OF_FORMING else "flat-tests.md"]
+        if page == "fishnet.md":  # each block says what [test] is
+            base = {key: table for key, table in base.items() if key != "test"}
         try:
             Case.from_data(merged(base, part))
         except cruciform_petsc.InputError as error:

@@ -35,6 +35,7 @@ def test_cell_by_cell(tmp_path, monkeypatch):
     shutil.copy(ROOT / "demos" / "glass_pp_bias.csv", tmp_path)
     blank = np.full((60, 100, 3), 255, np.uint8)  # test_scene.py looks at such images
     monkeypatch.setattr(scene, "_render", lambda scenes: ([blank], np.array([0.1, 0.06])))
+    pyplot.close("all")  # of other tests
     names = {}
     for cell in cells():
         if cell["cell_type"] == "code":

@@ -11,7 +11,7 @@ import cruciform_petsc
 from cruciform_petsc.parallel import DistributedNodes, find_sorted
 
 SENDING = re.compile(
-    r"\.(I?alltoall\w*|I?neighbor_\w+|create_dist_graph\w*|create_graph\w*|I?[bsr]?send(_init|recv\w*)?"
+    r"(?<!axes)\.(I?alltoall\w*|I?neighbor_\w+|create_dist_graph\w*|create_graph\w*|I?[bsr]?send(_init|recv\w*)?"
     r"|I?m?recv(_init)?|put|get_accumulate|I?scatterv?|I?gatherv|I?allgatherv)\(",
     re.IGNORECASE,
 )

@@ -13,7 +13,7 @@ from typing import Any
 _BEGIN = re.compile(r"""\s*(?:[\w"'][^=\[{]*=|\[\[?\s*[A-Za-z_"'][^,=]*\]\s*(?:#.*)?$)""")
 # A key in a sentence about a case: tables' names, in the order of the sentence.
 _KEY = re.compile(
-    r"\b(?:title|fabric|preform|test|tool|clamp|stage|continuum|solver|output)\b"
+    r"\b(?:title|fabric|preform|test|tool|ply|clamp|stage|continuum|solver|output)\b"
     r"(?:\[\d+\]|\.\w+)*"
 )
 _UNKNOWN = re.compile(r'(?:\[([\w.[\]]+)\]|the case file) has the unknown key "(.*?)" \(')

@@ -22,10 +22,13 @@ from ..cloth.fabric import Fabric, FabricTable
 from ..cloth.preform import OutlineTable, Preform, PreformTable
 from ..errors import InputError, Problems
 from ..experiments.experiment import Experiment  # starts PETSc: here, on all ranks at once
-from ..experiments.registry import every_table, forms, kind_class, pick_table
+from ..experiments.registry import every_table, in_space, kind_class, pick_table
 from ..experiments.table import small_unless_told
 from ..fields import Counts, Name, OneOf, Size, Table, Title, tables_in
+from ..forming.draping import Draping
+from ..forming.fishnet_table import FishnetTable
 from ..forming.kind import Forming
+from ..forming.plies import PlyOf, PlyTable, check_plies, made
 from ..forming.table import (
     ArrangedTable,
     ClampTable,
@@ -34,6 +37,7 @@ from ..forming.table import (
     check_course,
     check_pressure,
     check_stages,
+    laying_stages,
 )
 from ..parallel import on_root
 from ..reading import parse_toml, read_toml
@@ -144,6 +148,8 @@ class Case(Table):
     """What is done to it."""
     tools: list[ToolTable] = Field(alias="tool", default=[])
     """Rigid tools of a forming, `[[tool]]`."""
+    plies: list[PlyTable] = Field(alias="ply", default=[])
+    """Plies of its blank, from the lowest up, `[[ply]]`; a single one needs none."""
     clamps: list[ClampTable] = Field(alias="clamp", default=[])
     """Edges of its blank that are held, `[[clamp]]`."""
     stages: list[StageTable] = Field(alias="stage", default=[])
@@ -160,7 +166,7 @@ class Case(Table):
     def _ladder_asks_for_small(cls, data: Any) -> Any:
         match data:
             case {"test": dict(test), "continuum": {"ladder": list(), **others}}:
-                if not others.get("second_gradient") and not forms(test.get("kind")):
+                if not others.get("second_gradient") and not in_space(test.get("kind")):
                     return data | {"test": small_unless_told(test)}
         return data
 
@@ -194,6 +200,8 @@ class Case(Table):
         fabric = data.get("fabric")
         if isinstance(fabric, dict) and isinstance(fabric.get("tension"), dict):
             paths.append((fabric["tension"].get("surface"), "file"))
+        if isinstance(data.get("ply"), list):
+            paths += [(ply.get("outline"), "file") for ply in data["ply"] if isinstance(ply, dict)]
         if isinstance(data.get("tool"), list):
             paths += [(t.get("shape"), "file") for t in data["tool"] if isinstance(t, dict)]
         for table, key in paths:
@@ -249,14 +257,36 @@ class Case(Table):
             given["bending"] = bending
         return kind(network, **given, options=self.solver.options)
 
-    def forming(self, network: Network) -> Forming:
-        """Make the forming of the case's network, with its tools and stages. Collective."""
+    def stack(self) -> list[PlyOf]:
+        """Make the cloth and preform of each ply; of a blank without [[ply]] there is one."""
+        fabric, preform = self.fabric(), self.preform_table.build()
+        if not self.plies:
+            return [PlyOf("", fabric, self.test.placed(preform), 0.0)]
+        return made(self.plies, self.test, preform, fabric)
+
+    def forming(self, network: Network | Sequence[Network]) -> Forming:
+        """Make the forming of the case's network, or networks by ply (`stack`). Collective.
+
+        Or the fishnet, which is a Forming without stages.
+        """
         given = {key: value for key, value in self.test if key != "kind"}
+        first = next(iter(network)) if isinstance(network, Sequence) else network
+        if isinstance(self.test, FishnetTable):
+            return Draping(first, self.tools, **given, options=self.solver.options)
         if isinstance(self.test, ArrangedTable):
-            return kind_class(self.test.kind)(network, **given, options=self.solver.options)
+            return kind_class(self.test.kind)(first, **given, options=self.solver.options)
+        if self.plies:
+            given["names"] = [ply.name for ply in self.plies]
+            given["rub"] = [ply.friction for ply in self.plies]
         return Forming(
             network, self.tools, self.stages, self.clamps, **given, options=self.solver.options
         )
+
+    @property
+    def all_stages(self) -> list[StageTable]:
+        """Stages of a forming, those in which its cloth is laid first."""
+        own = laying_stages(self.test) if isinstance(self.test, FormingTable) else []
+        return [*own, *self.stages]
 
     @property
     def second_gradient(self) -> bool:
@@ -297,30 +327,37 @@ class Case(Table):
         """Check what no single table can know."""
         problems = Problems()
         forming = isinstance(self.test, FormingTable)
+        fishnet = isinstance(self.test, FishnetTable)
         if forming:
             with problems.caught():
                 check_stages(self.test, self.tools, self.stages, self.clamps)
         else:
             for key, told in (
-                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages)
+                ("tool", self.tools), ("clamp", self.clamps), ("stage", self.stages),
+                ("ply", self.plies),
             ):  # fmt: skip
-                if told:
+                if told and not (fishnet and key == "tool"):
                     problems.append(f'{key} is for test.kind = "forming", not "{self.test.kind}"')
+        if isinstance(self.test, FishnetTable):
+            with problems.caught():
+                self.test.check_one(self.tools)
         for key in ("finite", "bending") if self.continuum.second_gradient else ():
             if not getattr(self.test, key):
                 problems.append(f"continuum.second_gradient = true needs test.{key} = true")
         for key, on in (
             ("continuum.compare", self.continuum.compare and not forming),
             ("continuum.second_gradient", forming and self.continuum.second_gradient),
-            ("output.exports", self.output.exports and not forming),
-            ("output.scene", forming and self.output.scene),
-            ("output.measured", forming and self.output.measured is not None),
+            ("output.exports", self.output.exports and not (forming or fishnet)),
+            ("output.scene", (forming or fishnet) and self.output.scene),
+            ("output.measured", (forming or fishnet) and self.output.measured is not None),
+            ("continuum.ladder", fishnet and self.continuum.ladder),
+            ("output.animation", fishnet and self.output.animation),
         ):
-            if on and forming:
-                problems.append(f"{key} is not for forming, leave it out")
+            if on and (forming or fishnet):
+                problems.append(f"{key} is not for {self.test.kind}, leave it out")
             elif on and self.test.space:
                 problems.append(f"{key} = true is for flat cloth, it needs test.space = false")
-        coarse = self.preform_table.yarns_per_cruciform > 1 and not forming
+        coarse = self.preform_table.yarns_per_cruciform > 1 and not (forming or fishnet)
         if self.continuum.ladder is not None and coarse:
             problems.append(
                 "continuum.ladder refines the network, so preform.yarns_per_cruciform must be 1, "
@@ -330,7 +367,7 @@ class Case(Table):
             problems.append("output.animation needs test.finite = true")
         part = self.output.part
         if part is not None:
-            if not forming:
+            if not (forming or fishnet):
                 problems.append("output.part_outline is for a forming, leave it out")
             elif not part.is_valid:
                 problems.append("output.part_outline crosses itself, or its holes do not fit in it")
@@ -344,6 +381,15 @@ class Case(Table):
             problems.append(
                 f'continuum.mesh_size = "{size}" is more than the specimen is wide or long'
             )
+        if preform and forming and self.plies:
+            with problems.caught():
+                check_plies(self.plies, self.test, self.stages, self.clamps)
+            with problems.caught():
+                self.stack()
+            if beside:
+                problems.append("continuum.compare and continuum.ladder are not for several plies")
+            if part is not None:
+                problems.append("output.part_outline is not for several plies yet, leave it out")
         if preform and forming:
             with problems.caught():
                 check_pressure(self.test, preform, self.stages, self.clamps)
@@ -353,10 +399,12 @@ class Case(Table):
             )
         if fabric and forming:
             with problems.caught():
-                check_course(fabric, self.stages)
+                check_course(self.test, fabric, self.stages)
         if preform and forming and beside:
             if self.clamps:
                 problems.append("[[clamp]] is not for a forming with a membrane beside it")
+            if self.test.fishnet is not None:
+                problems.append("test.fishnet is not for a forming with a membrane beside it")
             with problems.caught():
                 preform.along_yarns("the membrane beside a forming")
         for edge in self.test.edges if preform else ():  # without a clamp it would float

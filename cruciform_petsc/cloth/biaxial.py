@@ -232,8 +232,8 @@ class ContactTable(Table):
     force: Annotated[Quantity, Of("N", column=True)]
     """Unit of the second column."""
     points: Pairs
-    """Approach of the two yarns and the force between them, rising; beyond the last point the last
-    slope goes on. Example: `[[0.02, 0.5], [0.05, 5]]`"""
+    """Approach of the two yarns' axes and the force between them, rising; beyond the last point the
+    last slope goes on. Example: `[[0.02, 0.5], [0.05, 5]]`"""
 
     def build(self) -> Potential:
         """Make the law."""

@@ -10,12 +10,14 @@ cloth, which the cloth's strain stretches:
 
     l = sqrt((p (1 + e))^2 + h^2),   l_0 = sqrt(p^2 + h_0^2),   h_0w + h_0e = D at rest
     U = sum over warp and weft of  [ EA l_0 (l/l_0 - 1)^2/2 + 6 B/(l_0 p^2) (h - h_0)^2 ]
-        + Psi(D - h_w - h_e)                     Psi: flattening of the yarns where they cross
+        + Psi((D - h_w - h_e)/2)                 Psi: flattening of the yarns where they cross
     w(e_w, e_e) = least U over h_w, h_e, divided by p_w p_e
 
-Its derivatives are the tensions per width, T_w = F_w cos(theta_w)/p_e with F = EA (l/l_0 - 1) and
-tan(theta) = h/(p (1 + e)). So there is a potential by construction; and as l is a convex function
-of (e, h), w is convex wherever neither yarn is pressed.
+Axes lie half a crimp height above and below the middle where they cross, so that the sum of the
+heights is twice the distance of the axes. Limp yarns are pressed together by Psi' = 2 F sin(theta),
+from both sides. The derivatives of w are the tensions per width, T_w = F_w cos(theta_w)/p_e with
+F = EA (l/l_0 - 1) and tan(theta) = h/(p (1 + e)). So there is a potential by construction; and as l
+is a convex function of (e, h), w is convex wherever neither yarn is pressed.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ class Crimp:
     bending: tuple[float, float]
     """Flexural rigidity of one yarn out of the cloth's plane, B [N m^2]."""
     contact: Potential
-    """Force between the yarns at a crossover [N] over their approach, the flattening [m]."""
+    """Force between the yarns at a crossover [N] over how much closer their axes are there [m]."""
 
     @property
     def crimp(self) -> np.ndarray:
@@ -65,7 +67,7 @@ def uniaxial_modulus(crimp: Crimp) -> tuple[float, float]:
     Leaf and Kandil 1980, with lengths l and crimp angles theta at rest:
 
     E_1 = 12 B_1 p_1/(p_2 l_1^3 sin^2 theta_1)
-          [1 + B_2 l_1^3 cos^2 theta_2/(B_1 l_2^3 cos^2 theta_1)]
+          [1 + B_2 l_1^3 cos^2 theta_1/(B_1 l_2^3 cos^2 theta_2)]
     """
     p, h, b = (np.array(pair) for pair in (crimp.pitch, crimp.height, crimp.bending))
     length = np.hypot(p, h)

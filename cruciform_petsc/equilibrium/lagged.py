@@ -27,11 +27,11 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
     """
     rounds: list[Found] = []
     loose, few = 1.0, np.inf
-    lags = any(item.lags for item in equilibrium.model.items)
-    if lags and any(guess.memory.values()):
+    if equilibrium.model.lags and any(guess.memory.values()):
         loose, few = FIRST, np.inf if equilibrium.model.lagged(guess)[2] else FEW
+    patience = min((item.patience for item in equilibrium.model.items), default=np.inf)
     while len(rounds) < MOST_ROUNDS:
-        rounds.append(equilibrium.solve(guess, loose, few))
+        rounds.append(equilibrium.solve(guess, loose, min(few, patience)))
         guess, change, size = equilibrium.model.lagged(rounds[-1].state)
         loose, few = 1.0, np.inf
         if change <= SETTLED * size and rounds[-1].residual <= rounds[-1].tolerance:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..elements.level import ENERGY, FORCE, STIFFNESS
@@ -25,6 +26,8 @@ from ..net.nodes import Nodes
 from ..solvers.multigrid import Hierarchy
 from ..solvers.pattern import BlockPattern
 from .state import Hold, State
+
+PATTERN = "pattern"  # of a matrix: the one it was made with
 
 
 class Model:
@@ -65,17 +68,34 @@ class Model:
         unknowns = self.dim * nodes.num_nodes_global
         if unknowns > np.iinfo(PETSc.IntType).max:
             raise InputError(f"{unknowns} unknowns need a PETSc with 64-bit indices")
-        self._pattern = pattern = BlockPattern(nodes, [i.nodes for i in self.items], self.dim)
+        self._lay([item.nodes for item in self.items])
+        self._free: tuple[Any, Any, np.ndarray] = (None, None, np.zeros(0, bool))
+
+    def _lay(self, parts: list[np.ndarray]) -> None:
+        """Find the sparsity of elements with local nodes (m, k), by item. Collective."""
+        nodes = self.nodes
+        self._parts = parts
+        self._pattern = pattern = BlockPattern(nodes, parts, self.dim)
         # Local nodes of each block that elements of this rank add to.
         size = len(pattern.empty_blocks())
         self._block_row = np.zeros(size, np.int32)
         self._block_column = np.zeros(size, np.int32)
         own = np.arange(nodes.num_nodes_owned)
         self._block_row[pattern.diagonal] = self._block_column[pattern.diagonal] = own
-        for item, slots in zip(self.items, pattern.slots, strict=True):
-            self._block_row[slots] = item.nodes[:, :, None]
-            self._block_column[slots] = item.nodes[:, None, :]
-        self._free: tuple[Any, Any, np.ndarray] = (None, None, np.zeros(0, bool))
+        for part, slots in zip(parts, pattern.slots, strict=True):
+            self._block_row[slots] = part[:, :, None]
+            self._block_column[slots] = part[:, None, :]
+
+    def pattern(self, state: State) -> BlockPattern:
+        """Sparsity of the tangent at a state: found anew where elements join others. Collective."""
+        parts = [item.joined(state) for item in self.items]
+        same = all(
+            one is other or np.array_equal(one, other)
+            for one, other in zip(parts, self._parts, strict=True)
+        )
+        if not self.comm.allreduce(same, MPI.LAND):
+            self._lay(parts)
+        return self._pattern
 
     def __repr__(self) -> str:
         names = ", ".join(item.name for item in self.items)
@@ -117,7 +137,7 @@ class Model:
             for rows in item.chunks():
                 energy, forces, _ = item.work(state, FORCE, rows)
                 total[-1] += energy.sum(axis=0)
-                _add_forces(loads if item.is_load else force, item.nodes[rows], forces)
+                _add_forces(loads if item.is_load else force, item.joined(state)[rows], forces)
         force, loads = self.nodes.halo.share(np.stack([force, loads], axis=1)).swapaxes(0, 1)
         return force + loads, loads, self._by_mode(total)
 
@@ -132,7 +152,8 @@ class Model:
         ----------
         state : State
         reuse : PETSc.Mat, optional
-            A matrix made here before, of which only the values change.
+            A matrix made here before, of which only the values change: for a state of the same
+            pattern.
         before : float (n_local, dim), optional
             Positions before the step that led to the state, see Item.work.
 
@@ -142,7 +163,7 @@ class Model:
             The caller destroys it.
         blocks : float (m, dim, dim)
         """
-        pattern, (add, to_axes) = self._pattern, _blocks(self.dim)
+        pattern, (add, to_axes) = self.pattern(state), _blocks(self.dim)
         blocks = pattern.empty_blocks()
         for item, slots in zip(self.items, pattern.slots, strict=True):
             for rows in item.chunks():
@@ -154,6 +175,7 @@ class Model:
         for axis in range(self.dim):
             own[pattern.diagonal, axis, axis] += idle[:, axis]
         matrix = pattern.matrix(own, reuse)
+        matrix.setAttr(PATTERN, pattern)
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         return matrix, blocks
@@ -182,6 +204,11 @@ class Model:
     def broken(self, state: State) -> tuple[np.ndarray, str, str] | None:
         """What an item says against a state, see Item.broken. Collective."""
         return next(filter(None, (item.broken(state) for item in self.items)), None)
+
+    @property
+    def lags(self) -> bool:
+        """Whether an item takes something as given while equilibrium is sought."""
+        return any(item.lags for item in self.items)
 
     def lagged(self, state: State) -> tuple[State, float, float]:
         """A state with what items take as given brought up to date, see Item.lagged. Collective.

@@ -24,7 +24,7 @@ from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_optio
 from .model import Model
 from .search import step_length
 from .state import Found, State
-from .tangents import prepare, tangent_settings
+from .tangents import fitting, prepare, tangent_settings
 
 # Residual over the forces that clamps and loads exert (norms over all unknowns). The load is then
 # right to the square of it, near enough: Newton's last step is quadratic.
@@ -265,6 +265,7 @@ class Equilibrium:
         self._vector.set(0.0)
         try:
             with self._options(), calling_back(self.snes):
+                self._matrix = fitting(self.snes, self._matrix, self.model, guess)
                 self.snes.solve(None, self._vector)
         except SolverError as error:
             raise self._failed(error) from error
@@ -316,7 +317,8 @@ class Equilibrium:
         right, answer = self._vector.duplicate(), self._vector.duplicate()
         try:
             with self._options(), calling_back(self.snes):
-                self._matrix, blocks = model.stiffness(state, reuse=self._matrix)
+                self._matrix = fitting(self.snes, self._matrix, self.model, state)
+                _, blocks = model.stiffness(state, reuse=self._matrix)
                 pushed = model.times(blocks, change)
                 if out_of_balance:
                     pushed += model.force(state)[0]

@@ -11,7 +11,8 @@ from ..solvers.callbacks import callback
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Hierarchy
 from ..solvers.options import COUNTING, DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
-from .model import Model
+from .model import PATTERN, Model
+from .state import State
 
 STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
 
@@ -34,6 +35,19 @@ def tangent_settings(
         settings |= YARN_MULTIGRID | {"ksp_rtol": STEP}
         return {**settings, **options}, TangentMultigrid(model.multigrid, prefix)
     return {**settings, **ITERATIVE, "ksp_rtol": STEP, **options}, None
+
+
+def fitting(snes: PETSc.SNES, matrix: PETSc.Mat, model: Model, state: State) -> PETSc.Mat:
+    """The matrix, or a new one where elements have come to join other nodes. Collective."""
+    if matrix.getAttr(PATTERN) is model.pattern(state):
+        return matrix
+    space, jacobian = matrix.getNearNullSpace(), snes.getJacobian()[2][0]
+    matrix.destroy()
+    matrix, _ = model.stiffness(state)
+    if space.handle:
+        matrix.setNearNullSpace(space)
+    snes.setJacobian(jacobian, matrix)
+    return matrix
 
 
 def prepare(

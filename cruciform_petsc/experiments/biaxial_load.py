@@ -83,7 +83,7 @@ class BiaxialLoad(Experiment):
     """Dead loads on all four edges, in a ratio; strains and tensions are those of the middle.
 
     Each yarn end carries its share of the load, as grips of single yarns, or slits in the arms of a
-    cross, have it. Nothing but a crossover in the middle is held.
+    cross, have it. Nothing but a crossover in the middle is held; in space edges stay in the plane.
 
     Arguments: see Experiment and `BiaxialLoadTable`.
     """
@@ -117,12 +117,13 @@ class BiaxialLoad(Experiment):
         return float(np.mean(lengths))
 
     def grip(self, constraints: Constraints) -> list[Grip]:
-        """Load all edges, by 1 N/m of the warp; hold the middle. Collective."""
+        """Load all edges, by 1 N/m of the warp; hold the middle, and heights. Collective."""
         network = self.network
         for axis in (0, 1):
             size = 1.0 if axis == self._warp_axis else self.ratio
             for edge, sign in zip(self._edges(axis), (-1.0, 1.0), strict=True):
                 constraints.line_load(edge, sign * size * np.eye(2)[axis])
+                constraints.fixed_z[constraints.nodes_on(edge)] = True
         # A yarn's end in the middle, and one beside it that keeps the cloth from turning.
         own = slice(0, network.num_nodes_owned)
         along = network.to_yarn(network.node_position[own] - self.middle)
@@ -142,8 +143,9 @@ class BiaxialLoad(Experiment):
 
     def _nearest(self, distance: np.ndarray, keys: np.ndarray) -> int:
         """Key of the node of the least distance, of several the lowest. Collective."""
-        mine = min(zip(distance.tolist(), keys.tolist(), strict=True), default=(np.inf, -1))
-        return int(min(self.network.comm.allgather(mine))[1])
+        first = np.lexsort((keys, distance))[:1]
+        own = np.concatenate([distance[first], [np.inf]])[0], np.append(keys[first], -1)[0]
+        return int(min(self.network.comm.allgather(own))[1])
 
     def motion(self, edge: str, control: float) -> tuple[np.ndarray, np.ndarray]:
         """Nothing is moved."""

@@ -55,7 +55,7 @@ class PictureFrame(Experiment):
     """Picture-frame test: the outline is a rectangle along the yarns, its corners the hinges.
 
     With ``pretension`` the yarns are under tension before it shears, as Launay et al. 2008 have it
-    (Composites A 39:53).
+    (Compos. Sci. Technol. 68:506).
 
     The frame turns the yarns it holds with its sides, so that the cloth shears uniformly as far as
     the clamps are concerned. Its shear angle is 90 degrees less the angle between its sides,
@@ -154,7 +154,7 @@ class PictureFrame(Experiment):
                 gradient = self.motion(high, state.control)[0]
                 axes = gradient / np.linalg.norm(gradient, axis=0)
                 parts = [
-                    np.linalg.solve(axes, sign * state.forces[edge])[along]
+                    np.linalg.solve(axes, sign * state.forces[edge][:2])[along]
                     for edge, sign in ((low, -1.0), (high, 1.0))
                 ]
                 tension.append(0.5 * sum(parts) / self.size[1 - along])

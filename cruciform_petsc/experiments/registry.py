@@ -25,16 +25,22 @@ KINDS: dict[str, str | type] = {
     "pantograph": "pantograph.Pantograph",
     "pull-out": "pull_out.PullOut",
     "forming": ".forming.kind.Forming",
+    "fishnet": ".forming.draping.Draping",
     "drape": ".forming.drape.Drape",
     "inflation": ".forming.inflation.Inflation",
 }
 DEFAULT = "bias-extension"
 
 
-def forms(kind: object) -> bool:
-    """Whether a kind of test is a forming: one in space, in stages, from tools or loads."""
+def in_space(kind: object) -> bool:
+    """Whether a kind of test is a forming, or a fishnet: cloth that lies in space."""
     entry = KINDS.get(kind) if isinstance(kind, str) else None
     return isinstance(entry, str) and entry.startswith(".forming.")
+
+
+def forms(kind: object) -> bool:
+    """Whether a kind of test is a forming: one in space, in stages, from tools or loads."""
+    return in_space(kind) and kind != "fishnet"
 
 
 def kind_class(kind: str) -> Any:

@@ -112,7 +112,7 @@ class SlipTable(Table):
         angle = 0.0 if self.crimp_angle is None else self.crimp_angle.si
         return Slip(
             self.force.si,
-            self.friction * float(np.sin(angle)),
+            2.0 * self.friction * float(np.sin(angle)),  # a yarn presses from both sides
             (self.yarns != "weft", self.yarns != "warp"),
             None if self.region is None else self._polygon(),
             None if self.elastic_slip is None else self.elastic_slip.si,
@@ -161,6 +161,8 @@ class KindTable(Table):
     def _truss(self) -> KindTable:
         if self.model == "truss" and not getattr(self, "finite", True):
             raise ValueError('has model = "truss", which is for finite deformation only')
+        if self.model == "truss" and getattr(self, "pretension", None) is not None:
+            raise ValueError('.pretension is not for model = "truss", leave one of them out')
         return self
 
     def placed(self, preform: Preform) -> Preform:
@@ -291,7 +293,12 @@ class TestTable(KindTable):
             problems.append(f"fabric.{what} needs test.finite = true")
         problems += check_viscosity(fabric, self.temperature, "test.temperature")
         flows = fabric.shear_viscosity is not None
-        if flows and next(iter(self.controls.values())) == "N":
+        if flows and self.stability is not None:
+            problems.append(
+                "test.stability and fabric.shear_viscosity do not go together: what flows is the "
+                "stiffer the shorter a step is, leave one of them out"
+            )
+        if flows and next(iter(self.controls.values())).startswith("N"):
             problems.append(
                 f'test.kind = "{self.kind}" prescribes a load, at no speed that '
                 "fabric.shear_viscosity could act by, leave that out"

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import shapely
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
@@ -70,6 +70,12 @@ class DrapeTable(ArrangedTable):
     """States that are written while the cloth falls; one more is when it has come to rest."""
     step: Step | None = None
     """Largest step, as a share of a stage; the default is 0.25. Example: `0.1`"""
+
+    @model_validator(mode="after")
+    def _bends(self) -> DrapeTable:
+        if self.model == "truss":
+            raise ValueError('has model = "truss", whose yarns do not bend: nothing makes folds')
+        return self
 
     def check(self, preform: Preform, fabric: Fabric) -> None:
         """See KindTable.check."""

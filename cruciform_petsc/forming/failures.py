@@ -9,15 +9,17 @@ import numpy as np
 
 from ..errors import EquilibriumError, typed_before
 from ..parallel import least
+from ..quantities import length
 from .blank import Blank
 from .forming import Formed
-from .measures import length, narrowest
+from .measures import narrowest
 from .table import StageTable
 
 BACK = 2  # steps before the last one: where smaller steps are proposed to begin
 NEAR = 2.0  # pitches: around the node where forces are farthest from balance
 CURES = {
     "PIERCED": "smaller steps (step), more room between tools, or a finer net may help",
+    "APART": "fewer processes, of which each knows more of the plies, or one, will do",
     "CLOSED": "they have to stop earlier, or the cloth has to be thinner",
 }
 
@@ -28,11 +30,13 @@ def explain(
     error: EquilibriumError,
     is_kept: bool,
     kind: str = "forming",
+    laying: int = 0,
 ) -> None:
     """Say in the error how far it came, which tools press where it stopped, and why. Collective.
 
     Where there ``is_kept`` a checkpoint also how to go on with smaller steps, if they may help:
-    those of a stage, of other kinds than forming of all.
+    those of a stage, of other kinds than forming of all. The first ``laying`` stages are the
+    program's own.
     """
     formed: Formed = error.result
     done = formed.steps[-1].increment.control if formed.steps else 0.0
@@ -52,10 +56,10 @@ def explain(
         "more room between tools that close on the cloth"
     )
     going_on = ""
-    if is_kept and error.reason != "CLOSED":
+    if is_kept and error.reason != "CLOSED" and number >= laying:
         count = len(formed.steps)
         back = f" --from-step {max(count - BACK, 1)}" if count else ""
-        key = f"stage[{number}].step" if kind == "forming" else "test.step"
+        key = f"stage[{number - laying}].step" if kind == "forming" else "test.step"
         step = f"{key}={0.5 * stages[number].largest_step:.3g}"
         going_on = f'. Go on with {typed_before()}cruciform-petsc resume CASE{back} --set "{step}"'
         going_on += " (and --output, where the run had it)"
@@ -71,7 +75,8 @@ def _pressing(blank: Blank, formed: Formed, place: np.ndarray) -> str:
     if not formed.states:
         return ""
     state, rest = formed.states[-1], blank.ply.nodes.rest[blank.touching]
-    near = np.linalg.norm(rest - place, axis=1) < NEAR * blank.network.pitch.max()
+    away = np.linalg.norm(rest[:, :2] - place[:2], axis=1)  # at rest, which is flat
+    near = away < NEAR * blank.network.pitch.max()
     names = [
         contact.name
         for contact in blank.contacts

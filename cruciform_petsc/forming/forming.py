@@ -24,6 +24,7 @@ from .press import Posture, Press, StagePlan, stage_number
 
 RESIDUAL = 1e-4  # of the forces that hold and load tools (forming.md section 1)
 LONGEST = 0.5  # of a pitch, in a Newton step
+FIRST_STEP = 1e-2  # of the largest, where the cloth begins laid on a tool
 MOST_ITERATIONS = 400  # where cloth snaps the way is long, and shorter steps do not shorten it
 
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -118,13 +119,15 @@ def form(
     options: Mapping[str, object] | None = None,
     accepted: Callable[[FormingStep, State], None] | None = None,
     keeper: Keeper | None = None,
+    between: Callable[[State, int], State] | None = None,
     modes: int = 0,
 ) -> Formed:
     """Press a blank through stages. Collective.
 
     ``accepted`` is called with each step and its state; ``keeper`` keeps them, and if it has some
-    of a former run these come first, and the forming goes on from there. With ``modes`` the lowest
-    stiffness is looked at, and at the end so many of the softest shapes.
+    of a former run these come first, and the forming goes on from there. ``between`` makes the
+    state that a stage, by its number from 1 on, begins with, of that before: cloth laid then. With
+    ``modes`` the lowest stiffness is looked at, and at the end so many of the softest shapes.
 
     Raises
     ------
@@ -133,7 +136,7 @@ def form(
     """
     formed, model = Formed(blank), blank.model
     start, work = blank.start(), 0.0
-    longest = LONGEST * blank.pitch
+    longest = LONGEST * min(one.pitch for one in blank.each)
     options = {"snes_max_it": MOST_ITERATIONS, **(options or {})}
     equilibrium = Equilibrium(
         model, start, options, relative_residual=RESIDUAL, longest_step=longest, foretell=False
@@ -166,7 +169,7 @@ def form(
         if unbearable is not None:
             what, reason, there, count = unbearable
             raise EquilibriumError(what, reason, found.history, there, count)
-        shear = blank.ply.shear_angle_max(blank.of_cloth(found.state))
+        shear = max(one.ply.shear_angle_max(one.of_cloth(found.state)) for one in blank.each)
         return Measured(forces=dict(zip(names, force, strict=True)), shear_max=shear)
 
     def take(step: Step, path: Path) -> None:
@@ -204,8 +207,18 @@ def form(
         if accepted is not None:
             accepted(done, state)
 
+    def begin(number: int, state: State) -> Path:
+        """How a stage begins; what is laid then has done no work on its way there."""
+        nonlocal last, pulls
+        new = state if between is None or number == len(plans) else between(state, number)
+        if new is state:
+            return Path([state], begin=float(number))
+        last, pulls = new, blank.pulls(new)
+        return Path([new], begin=float(number), allowed=FIRST_STEP * plans[number].step)
+
     try:
-        path = Path([start])
+        # Laid cloth is in no equilibrium: it lets go in small steps, which grow where easy.
+        path = Path([start], allowed=FIRST_STEP * plans[0].step if blank.is_laid else None)
         if keeper is not None:
             restored = keeper.restore(model, state_at)
             if restored is None:
@@ -225,7 +238,7 @@ def form(
                 earlier, pulls = [], blank.pulls(last)
         for number in range(int(path.begin), len(plans)):
             follow(equilibrium, press_at(number).stage(measure), path, take)
-            path = Path([path.state], begin=float(number + 1))
+            path = begin(number + 1, path.state)
         if stability is not None:
             formed.modes = stability.modes(path.state)
     except CruciformError as error:

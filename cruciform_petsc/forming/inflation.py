@@ -77,6 +77,8 @@ class InflationTable(ArrangedTable):
     def _something_happens(self) -> InflationTable:
         if self.pressure is None and self.corners is None:
             raise ValueError("needs a pressure, corners or both")
+        if self.fishnet is not None:
+            raise ValueError(".fishnet lays cloth on a tool, which an inflated net has not")
         if self.corners is not None:
             if self.slides:
                 raise ValueError(".corners hold edges in place, without slides")
@@ -169,7 +171,7 @@ class Inflation(Arranged):
         model = Model(blank.ply.nodes, [density, *clamps], blank.ply.active, warp + weft)
         start = blank.of_cloth(blank.start())
         grown = {preload_name(clamp.edge): 1.0 for clamp in clamps}
-        hold = blank.cloth_hold
+        (hold,) = blank.cloth_holds
         state = State(start.x, hold, factors=grown, memory={})
         equilibrium = Equilibrium(model, state, self.options)
         try:

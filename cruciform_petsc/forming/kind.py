@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -22,13 +23,15 @@ from ..items.item import Item
 from ..items.loads import G, PressureAbove, Suction
 from ..items.ply import Ply
 from ..net.network import Network
-from ..parallel import least
+from ..parallel import least, most
+from ..quantities import length
 from ..tools.sampled import REACH
 from ..tools.tool import Tool, ToolTable, load
 from .blank import Blank, ContactSettings, TrussBlank, length_of
 from .failures import explain
+from .fishnet_table import Draped
 from .forming import Formed, FormingStep, form
-from .measures import length
+from .progressive import Rows
 from .table import (
     PRESSURES,
     ArrangedTable,
@@ -40,6 +43,7 @@ from .table import (
     check_pressure,
     check_stages,
     course_of,
+    laying_stages,
 )
 
 WAVES = 0.01  # of the cloth's thickness: height of an imperfection, if nothing else is said
@@ -47,11 +51,12 @@ COARSE = 1.25  # arms over a radius: beyond, the net cuts the corner
 FAR = 20.0  # times the blank: a tool's size beyond which its unit is doubted
 DEEPEST = 0.5  # of the thickness: how deep in a tool the cloth may lie at the start
 AnyTable = TypeVar("AnyTable", bound=Table)
+OFF_PLANE = 1e-3  # of a pitch: by how much laid cloth may leave a plane of symmetry
 BESIDE = 0.6  # of the smaller of both: how much of tool and blank lies over each other as a rule
 ONE_SIDED = 0.1  # of the thickness: by how much both sides of a plane of symmetry may differ
 
 
-def _tables(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
+def tables_of(kind: type[AnyTable], key: str, given: Sequence) -> list[AnyTable]:
     """Tables, of which scripts may give plain data with numbers in SI."""
     return [
         table if isinstance(table, kind) else kind.from_data(table, f"{key}[{i}]", bare=True)
@@ -64,8 +69,9 @@ class Forming:
 
     Parameters
     ----------
-    network : Network
-        The blank; where its preform is drawn it lies, so `Preform.centred` is for the caller.
+    network : Network or sequence of Network
+        The blank, or its plies from the lowest up; where a preform is drawn it lies, so
+        `Preform.centred` is for the caller.
     tools, stages, clamps : sequence of ToolTable, StageTable, ClampTable
         Or mappings, as ``[[tool]]``, ``[[stage]]`` and ``[[clamp]]`` of a case file; numbers
         without units in SI.
@@ -73,6 +79,10 @@ class Forming:
         From which the tools' files are looked for.
     options : mapping, optional
         PETSc options for the solver, without the prefix.
+    names : sequence of str, optional
+        Of several plies.
+    rub : sequence of float, optional
+        Coefficient of friction of each ply with those below it.
     **keys
         Those of FormingTable, as in ``[test]`` of a case file.
 
@@ -81,6 +91,11 @@ class Forming:
     tools : list of Tool
         Where they start.
     blank : Blank
+    draped : Draped or None
+        What it begins as, if it begins laid on a tool.
+    each : list of Forming
+        The forming as each of its plies, to read results off: `network`, `blank`, `thickness` are
+        the ply's, `suffix` goes with the names of its files. Of a single ply itself.
     plans : list of StagePlan
     remarks : list of str
         What of tools and blank is hardly meant.
@@ -94,40 +109,56 @@ class Forming:
     kind: ClassVar[str] = "forming"
     table: ClassVar[type[FormingTable]] = FormingTable
     reference: ClassVar[str] = "formed"
+    draped: Draped | None = None
     # Items whose factors grow over the first stage, besides preloads.
     growing: ClassVar[tuple[str, ...]] = ()
 
     def __init__(
         self,
-        network: Network,
+        network: Network | Sequence[Network],
         tools: Sequence[ToolTable | Mapping[str, Any]],
         stages: Sequence[StageTable | Mapping[str, Any]],
         clamps: Sequence[ClampTable | Mapping[str, Any]] = (),
         *,
         folder: Path = Path(),
         options: Mapping[str, object] | None = None,
+        names: Sequence[str] = (),
+        rub: Sequence[float] = (),
         **keys: Any,
     ):
-        self.network, self.options, fabric = network, options or {}, network.fabric
+        self.networks = [network] if isinstance(network, Network) else list(network)
+        self.network, self.options = self.networks[0], options or {}
+        self.suffix, self._named = "", {"names": names, "rub": rub}
         test = self.table.from_data({"kind": self.kind, **keys}, "test", bare=True)
         self.test = test
-        tables = _tables(ToolTable, "tool", tools)
-        self.stages = _tables(StageTable, "stage", stages)
-        self.clamps = _tables(ClampTable, "clamp", clamps)
-        test.check(network.preform, fabric)
+        tables = tables_of(ToolTable, "tool", tools)
+        self.stages = tables_of(StageTable, "stage", stages)
+        self.clamps = tables_of(ClampTable, "clamp", clamps)
+        if len(self.networks) > 1:
+            self._check_plies(test)
+        for net in self.networks:
+            test.check(net.preform, net.fabric)
+            check_course(test, net.fabric, self.stages)
         check_stages(test, tables, self.stages, self.clamps)
-        check_course(fabric, self.stages)
-        check_pressure(test, network.preform, self.stages, self.clamps)
+        check_pressure(test, self.network.preform, self.stages, self.clamps)
         self.below = below_cloth(tables, self.stages)
-        self.thickness = fabric.needed("thickness", "forming")
-        self.tools = [self._make(table, folder) for table in tables]
+        self._thick = [net.fabric.needed("thickness", "forming") for net in self.networks]
+        self.thickness = sum(self._thick)
+        self.tools = self._laid_on(tables, folder)
+        self.rows = self._rows()
         self.gaps = self._first_gaps()
         self.plans = [stage.plan(self.below) for stage in self.stages]
         grown = dict.fromkeys(self._growing(), 1.0)
+        for i in range(0 if self.rows is None else len(self.rows.last)):
+            more = self.rows.factors(i) if self.rows else {}
+            self.plans[i] = replace(self.plans[i], factors={**self.plans[i].factors, **more})
         self.plans[0] = replace(self.plans[0], factors={**self.plans[0].factors, **grown})
         wave = test.imperfection
-        height = WAVES * self.thickness if wave.height is None else wave.height.si
-        self.remarks = remarks(network.preform, fabric, test)
+        height = WAVES * min(self._thick) if wave.height is None else wave.height.si
+        self.remarks: list[str] = []
+        for net in self.networks:
+            said = remarks(net.preform, net.fabric, test)
+            self.remarks += [sentence for sentence in said if sentence not in self.remarks]
         self.remarks += [r for tool in self.tools for r in tool.remarks(self.thickness)]
         self.remarks += self._clearances() + self._one_sided()
         for table, tool in zip(tables, self.tools, strict=True):
@@ -140,28 +171,58 @@ class Forming:
             "viscosity": test.contact.viscosity,
         }
         settings = replace(
-            ContactSettings.of(fabric, length_of(network, test.symmetry), self._load()),
+            ContactSettings.of_all(
+                [(net.fabric, length_of(net, test.symmetry)) for net in self.networks], self._load()
+            ),
             **{key: q.si for key, q in told.items() if q is not None},
         )
         self.settings = settings
         truss = test.model == "truss"  # whose yarns bend by no waves
         waves = (height, wave.seed) if height and not truss else None
-        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves)
-        self.blank.ply.cruciforms.course = course_of(test, self.stages)
+        laid = None if self.draped is None else self.draped.laid
+        self.blank: Blank = self.lay(TrussBlank if truss else Blank, waves=waves, laid=laid)
+        if self.draped is not None:
+            self.remarks += self.draped.remarks()
+            self._check_planes()
+        several = len(self.networks) > 1
+        self.each = [copy(self) for _ in self.networks] if several else [self]
+        for number, (one, blank) in enumerate(zip(self.each, self.blank.each, strict=True), 1):
+            one.network, one.blank, one.each = blank.network, blank, [one]
+            one.thickness = blank.thickness
+            one.suffix = f"_ply{number}" if several else ""
+            blank.ply.cruciforms.course = course_of(test, self.stages)
+
+    def _check_plies(self, test: FormingTable) -> None:
+        """Refuse what several plies do not know."""
+        for what, there in (
+            ('test.model = "truss"', test.model == "truss"),
+            ("test.fishnet", test.fishnet is not None),
+            ("test.stability", test.stability is not None),
+            (
+                "fabric.shear_viscosity and shear_friction",
+                any(net.fabric.remembers for net in self.networks),
+            ),
+        ):
+            if there:
+                raise InputError(f"{what}: not for several plies, leave it or [[ply]] out")
 
     def _load(self) -> float:
         """What pushes the blank as a whole at most: its weight, pressures; Pa."""
         weight = 0.0
         if self.test.gravity:
-            weight = G * self.network.fabric.needed("areal_density", "test.gravity = true")
+            weight = G * sum(
+                net.fabric.needed("areal_density", "test.gravity = true") for net in self.networks
+            )
         pushes = [(stage.pressure, stage.suction) for stage in self.stages]
         largest = max((abs(push.si) for both in pushes for push in both if push), default=0.0)
-        return largest + weight
+        return max(largest, *map(abs, self._pressed().values()), 0.0) + weight
 
     def lay(self, kind: Callable[..., Any], **further: Any) -> Any:
         """A blank of a kind among the tools. Collective."""
+        several = len(self.networks) > 1
+        further |= self._named if several else {}
         return kind(
-            self.network,
+            self.networks if several else self.network,
             self.tools,
             weight=self.test.gravity,
             settings=self.settings,
@@ -170,13 +231,24 @@ class Forming:
             further=[*(clamp.build for clamp in self.clamps), *self._pressures()],
             cuts=self._cuts(),
             prestretch=prestretch(getattr(self.test, "pretension", None), self.network.fabric),
-            factors=dict.fromkeys((*PRESSURES, *self._growing()), 0.0),
+            factors=dict.fromkeys((*PRESSURES, *self._growing(), *self._held_back()), 0.0)
+            | self._pressed(),
             **further,
         )
 
+    def _pressed(self) -> dict[str, float]:
+        """What presses laid cloth onto its tool from the start, Pa, by name of its item."""
+        press = None if self.test.fishnet is None else self.test.fishnet.press
+        return {} if press is None else {"suction": press.si}
+
+    def _held_back(self) -> dict[str, shapely.Polygon]:
+        """What of the flat blank is laid before other rows, by what holds these back."""
+        return {} if self.rows is None else self.rows.cuts()
+
     def _cuts(self) -> dict[str, shapely.Polygon]:
         """What stays where stages trim the blank, by the factor that their plans send to 0."""
-        cuts, blank = {}, self.network.preform.outline
+        cuts = self._held_back()
+        blank = shapely.unary_union([net.preform.outline for net in self.networks])
         for i, stage in enumerate(self.stages):
             if stage.trim is None:
                 continue
@@ -205,15 +277,76 @@ class Forming:
             "suction": lambda ply: Suction(ply, -1.0),
         }
         named = [key for key in make if any(getattr(s, key) is not None for s in self.stages)]
+        named += [key for key in self._pressed() if key not in named]
         return [make[key] for key in named]
 
     # -- tools --------------------------------------------------------------------------------
 
-    def _points(self) -> np.ndarray:
-        """Crossovers and arm ends of this rank where the blank lies, (n, 3), m."""
-        net = self.network
-        flat = [net.crossover_position, net.node_position[: net.num_nodes_owned]]
-        return np.pad(np.concatenate(flat), ((0, 0), (0, 1)), constant_values=0.5 * self.thickness)
+    def _laid_on(self, tables: Sequence[ToolTable], folder: Path) -> list[Tool]:
+        """The tools, after the cloth has been laid on one if it begins so."""
+        if self.test.fishnet is None:
+            return [self._make(table, folder) for table in tables]
+        table = self.test.fishnet
+        name = table.tool or next(iter(self.below))
+        number = next(k for k, tool in enumerate(tables) if tool.name == name)
+        first = self._make(tables[number], folder)
+        try:
+            below, gap = name in self.below, 0.5 * self.thickness
+            self.draped = table.lay(self.network, first, below, gap)
+        except InputError as error:
+            raise InputError(f"test.fishnet: {error}") from None
+        if self.draped.laid.limit:
+            raise InputError(
+                f"test.fishnet: {self.draped.laid.limit}; a forming can begin with all of the "
+                "cloth only: choose another seed, or a smaller blank"
+            )
+        return [
+            first if k == number else self._make(other, folder) for k, other in enumerate(tables)
+        ]
+
+    def _rows(self) -> Rows | None:
+        """Pieces that are laid one after the other, if they are; with stages of their own."""
+        table = self.test.fishnet
+        if table is None or table.pieces is None or self.draped is None:
+            return None
+        at, limit = self.draped, table.locking_angle.si
+        rows = Rows.of(self.network, at.first, at.seed, limit, table.pieces)
+        if len(rows.last) < table.pieces:
+            raise InputError(
+                f"test.fishnet.pieces = {table.pieces} is more than the {len(rows.last)} rows "
+                "that there are around the seed"
+            )
+        self.stages = [*laying_stages(self.test), *self.stages]
+        return rows
+
+    def _check_planes(self) -> None:
+        """Refuse a laid cloth that leaves planes of symmetry. Collective."""
+        state = self.blank.start()
+        hold = state.hold
+        gap = np.einsum("nij,nj->ni", hold.axes, hold.place - state.x[hold.nodes])
+        off = most(self.network.comm, abs(gap[hold.fixed]), 0.0)
+        if off > OFF_PLANE * float(self.network.pitch.min()):
+            raise InputError(
+                f"test.fishnet: the laid cloth leaves a plane of symmetry by {length(off)}: the "
+                'seed must lie there, and its yarns along it (generators = "upright", no turn)'
+            )
+
+    def _points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Crossovers and arm ends of this rank where the blank lies, (n, 3), m.
+
+        And half the thickness of their ply, (n,), m.
+        """
+        if self.draped is not None:
+            at = self.draped.laid.points
+            return at, np.full(len(at), 0.5 * self.thickness)
+        points, halves, low = [], [], 0.0
+        for net, thick in zip(self.networks, self._thick, strict=True):
+            flat = [net.crossover_position, net.node_position[: net.num_nodes_owned]]
+            flat = np.concatenate(flat)
+            points.append(np.pad(flat, ((0, 0), (0, 1)), constant_values=low + 0.5 * thick))
+            halves.append(np.full(len(flat), 0.5 * thick))
+            low += thick
+        return np.concatenate(points), np.concatenate(halves)
 
     def _make(self, table: ToolTable, folder: Path) -> Tool:
         """A tool where it starts: placed, or where it just touches the blank."""
@@ -229,16 +362,31 @@ class Forming:
             return tool
         axis = np.array([0.0, 0.0, 1.0 if lies_below else -1.0])
         try:
-            return tool.touching(self._points(), axis, 0.5 * self.thickness, self.network.comm)
+            return self._touching(tool, axis)
         except InputError as error:
             raise InputError(
                 f"{error}, or a larger blank: {self._size_text(self._box())} may fit into an "
                 f"opening of a tool of {self._size_text(tool.surface.box)}"
             ) from None
 
+    def _touching(self, tool: Tool, axis: np.ndarray) -> Tool:
+        """Where a tool that comes along an axis touches the first of the plies."""
+        points, half = self._points()
+        starts, problem = [], None
+        for h in sorted({0.5 * thick for thick in self._thick}):
+            try:
+                at = points[half == h]
+                starts.append(tool.touching(at, axis, h, self.network.comm))
+            except InputError as error:
+                problem = error
+        if problem is not None and not starts:
+            raise problem
+        return min(starts, key=lambda start: float(start.start.place @ axis))
+
     def _box(self) -> np.ndarray:
         """Least and largest x and y of the blank, float (2, 2), m."""
-        return np.reshape(self.network.preform.outline.bounds, (2, 2))
+        bounds = np.array([net.preform.outline.bounds for net in self.networks])
+        return np.array([bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)])
 
     @staticmethod
     def _size_text(box: np.ndarray) -> str:
@@ -247,7 +395,7 @@ class Forming:
 
     def _fit(self, table: ToolTable, tool: Tool) -> list[str]:
         """Remarks on a tool that hardly fits the blank or its net: radii, unit, upside down."""
-        remarks, arm = [], 0.5 * float(self.network.pitch.max())
+        remarks, arm = [], 0.5 * max(float(net.pitch.max()) for net in self.networks)
         driven = any(tool.name in stage.moved for stage in self.stages)
         pushed = any(tool.name in stage.force for stage in self.stages)
         radius = min(tool.surface.closest_radius)
@@ -310,12 +458,12 @@ class Forming:
 
     def _first_gaps(self) -> dict[str, float]:
         """Between blank and each tool at the start, m; InputError where they overlap."""
-        points, comm = self._points(), self.network.comm
+        (points, half), comm = self._points(), self.network.comm
         gaps = {}
         for tool in self.tools:
-            gap = tool.look(points, tool.start)[0] - 0.5 * self.thickness
+            gap = tool.look(points, tool.start)[0] - half
             gaps[tool.name] = least(comm, gap)
-            if gaps[tool.name] < -DEEPEST * self.thickness:
+            if gaps[tool.name] < -DEEPEST * min(self._thick):
                 at = int(np.argmin(gap)) if len(gap) else -1
                 mine = (float(gap[at]), points[at].tolist()) if len(gap) else (np.inf, [])
                 deep, (x, y, _) = min(comm.allgather(mine))
@@ -379,7 +527,7 @@ class Forming:
 
     def check(self) -> list[str]:
         """What there is to say before anything is solved: where tools start, and their gaps."""
-        told = []
+        told = [] if self.draped is None else [self.draped.told()]
         for tool in self.tools:
             side = "below" if tool.name in self.below else "above"
             x, y, z = map(length, tool.start.place)
@@ -388,6 +536,12 @@ class Forming:
                 f'tool "{tool.name}", {side} the cloth, starts at {x}, {y}, {z}, {gap} from it'
             )
         return told
+
+    def _between(self, state: State, number: int) -> State:
+        """What a stage, by its number, begins with: rows laid anew. Collective."""
+        assert self.rows is not None
+        begins = 0 < number < len(self.rows.last)
+        return self.rows.next(self.blank, state, number) if begins else state
 
     def solve(
         self,
@@ -408,13 +562,15 @@ class Forming:
                 options=self.options,
                 accepted=accepted,
                 keeper=keeper,
+                between=self._between if self.rows is not None else None,
                 modes=self.test.stability.modes if self.test.stability else 0,
             )
             return replace(formed, of=self)
         except EquilibriumError as error:
             if error.result is not None:
                 error.result.of = self
-            explain(self.blank, self.stages, error, keeper is not None, self.kind)
+            laying = 0 if self.rows is None else len(self.rows.last)
+            explain(self.blank, self.stages, error, keeper is not None, self.kind, laying)
             raise
 
 

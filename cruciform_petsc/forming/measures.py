@@ -13,7 +13,7 @@ import shapely
 from ..equilibrium.state import State
 from ..net.lattice import SHORTEST_ARM
 from ..parallel import least, most, quantile
-from ..units import format_si
+from ..quantities import length
 from .blank import Blank, push_name
 
 MOST_EDGES = 8  # of an outline with more, all are told as one
@@ -95,7 +95,7 @@ def outline(blank: Blank, state: State) -> np.ndarray:
     points, rows = shapely.points(rest), []
     for number, ring in enumerate((polygon.exterior, *polygon.interiors)):
         near = shapely.distance(ring, points) <= SHORTEST_ARM * network.pitch.max()
-        place = np.pad(rest[near], ((0, 0), (0, 1)), constant_values=0.5 * blank.thickness)
+        place = np.pad(rest[near], ((0, 0), (0, 1)), constant_values=blank.height)
         along = shapely.line_locate_point(ring, points[near])
         kind = np.full(len(along), number)
         rows.append(np.column_stack([kind, along, rest[near], place + moved[ends[near]]]))
@@ -140,6 +140,30 @@ def penetration(blank: Blank, state: State) -> float:
 
 
 def squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | None:
+    """Of the plies the first that no cloth could bear, see `_squeezed`. Collective."""
+    return next(filter(None, (_squeezed(one, state) for one in blank.each)), None)
+
+
+def between_plies(blank: Blank, state: State) -> dict[str, dict[str, float]]:
+    """Largest compaction [m] and pressure [Pa] between plies that touch, and the way slid [m].
+
+    By which crossovers are looked at, "UPPER on LOWER" and the other way; of their middles, so that
+    both plies' faces have a half of it. Collective.
+    """
+    figures = {}
+    for item in blank.between:
+        found, comm = item.fields(state), blank.comm
+        deep = -least(comm, np.nan_to_num(found["distance"], nan=1.0), 0.0)
+        if deep > 0.0:
+            figures[item.name] = {
+                "compaction": deep,
+                "pressure": most(comm, found["pressure"], 0.0),
+                "slip": most(comm, found["slip"], 0.0),
+            }
+    return figures
+
+
+def _squeezed(blank: Blank, state: State) -> tuple[str, str, np.ndarray, int] | None:
     """What of tools no cloth could bear: words, reason, place (3,) at rest, number of nodes.
 
     A tool lies deeper in it than any would yield ("PIERCED"), or two that no force has moved there
@@ -233,8 +257,3 @@ def across(warp: np.ndarray, weft: np.ndarray) -> np.ndarray:
     """Unit vectors across yarns (n, 3), along warp times weft; NaN where there are none."""
     normal = np.cross(warp, weft)
     return normal / np.linalg.norm(normal, axis=1)[:, None]
-
-
-def length(value: float) -> str:
-    """Write a length [m] for people: four digits of it, down to nanometres."""
-    return format_si(float(f"{round(value, 9):.4g}") + 0.0, "m")

@@ -35,6 +35,7 @@ from ..items.nodes import PlyNodes
 from ..tools.motion import Motion, Pose
 from ..tools.tool import Curve, Place, ToolTable, TurnTable, motion
 from ..units import Quantity, format_si
+from .fishnet_table import StartTable
 from .press import LARGEST_STEP, StagePlan, stage_number
 
 STILL_STEP = 0.25  # of a stage without travel: cloth may sag far, and work is added up by steps
@@ -172,6 +173,9 @@ class FormingTable(KindTable):
     """Straight sides that lie in planes of symmetry, so that a half or a quarter does for the
     whole: x = 0 or y = 0 is there. Forces and energies are those of this part. Yarns must run along
     and across them. Example: `["left", "lower"]`"""
+    fishnet: StartTable | None = None
+    """Begin with the cloth laid on a tool as a net of yarns that keep their lengths.
+    Example: `{ seed = ["0 mm", "0 mm"] }`"""
     temperature: Annotated[Quantity, Of("K")] | None = None
     """Of the cloth, for fabric.shear_viscosity; by default that of its measurement. Stages may have
     their own."""
@@ -221,6 +225,16 @@ class FormingTable(KindTable):
         if self.gravity:
             with problems.caught():
                 fabric.needed("areal_density", "test.gravity = true")
+        if laying_stages(self) and fabric.shear_viscosity is not None:
+            problems.append(
+                "test.fishnet.pieces are laid in no time, which fabric.shear_viscosity needs: "
+                "leave one of them out"
+            )
+        if self.model == "truss" and self.fishnet is not None and self.fishnet.press is not None:
+            problems.append(
+                'test.fishnet.press is not for test.model = "truss", whose surface it would not '
+                "follow"
+            )
         problems.tell()
 
 
@@ -336,9 +350,23 @@ class StageTable(Table):
         return StagePlan(self.name, motions, forces, factors, self.results, self.largest_step)
 
 
-def check_course(fabric: Fabric, stages: Sequence[StageTable]) -> None:
+def laying_stages(test: FormingTable) -> list[StageTable]:
+    """Stages in which pieces of the cloth are laid, before those of the case."""
+    table = test.fishnet
+    if table is None or table.pieces is None:
+        return []
+    names = [f"lay {number}" for number in range(1, table.pieces + 1)]
+    return [StageTable(name=name) for name in names]
+
+
+def check_course(test: FormingTable, fabric: Fabric, stages: Sequence[StageTable]) -> None:
     """Raise InputError if the time or the temperature of stages is missing, or is for nothing."""
     problems, flows = Problems(), fabric.shear_viscosity is not None
+    if flows and isinstance(test, ArrangedTable):
+        raise InputError(
+            f'test.kind = "{test.kind}" runs at no speed that fabric.shear_viscosity could act by, '
+            "leave that out"
+        )
     for i, stage in enumerate(stages):
         if flows and stage.duration is None:
             problems.append(
@@ -385,7 +413,7 @@ def check_stages(
         key = f'tool[{i}].name = "{name}"'
         if not re.fullmatch(r"\w(?:[\w -]{0,38}\w)?", name):
             problems.append(f'{key} must be of up to 40 letters, digits, "_", "-" and blanks')
-        elif name in TAKEN or name.startswith(("clamp ", "preload ", "trim ")):
+        elif name in TAKEN or name.startswith(("clamp ", "preload ", "rows ", "trim ")):
             problems.append(f"{key} is what the program calls something else, choose another")
         elif name in names[:i]:
             problems.append(f"{key} is another tool's name, too")
@@ -394,6 +422,7 @@ def check_stages(
             problems.append(f'clamp[{i}].edge = "{edge}" lies in a plane of symmetry')
         elif edge in held[:i]:
             problems.append(f'clamp[{i}].edge = "{edge}" has another clamp, too')
+    problems += _laid_on(test, tools, stages, clamps)
     gone: set[str] = set()
     let_go: set[str] = set()
     for i, stage in enumerate(stages):
@@ -438,6 +467,31 @@ def check_stages(
             problems.append(f"stage[{i}].remove: without any tool nothing holds the cloth's weight")
             break
     problems.tell()
+
+
+def _laid_on(
+    test: FormingTable,
+    tools: Sequence[ToolTable],
+    stages: Sequence[StageTable],
+    clamps: Sequence[ClampTable],
+) -> Iterator[str]:
+    """What does not go with a blank that begins laid on a tool, in sentences."""
+    if test.fishnet is None:
+        return
+    names, name = [tool.name for tool in tools], test.fishnet.tool
+    if clamps:
+        yield "test.fishnet: [[clamp]] holds edges of a flat blank, leave one of them out"
+    if test.symmetry and test.fishnet.least_energy is not None:
+        yield "test.fishnet.least_energy moves the seed, which test.symmetry holds: leave one out"
+    if not names:
+        yield "test.fishnet needs a [[tool]] to lay the cloth on"
+    elif name is not None and name not in names:
+        yield f"test.fishnet.tool: {unknown(f'tool {name!r}', name, names)}"
+    elif name is None and len(below_cloth(tools, stages)) != 1:
+        yield (
+            "test.fishnet.tool is missing, which tells what the cloth is laid on: one of "
+            f"{', '.join(names)}"
+        )
 
 
 def _across_planes(test: FormingTable, key: str, stage: StageTable) -> Iterator[str]:

@@ -247,7 +247,7 @@ def _tools(blank: Blank, state: State, points: np.ndarray) -> Iterator[_Tool]:
         distance, normal, curvature = contact.surface.look((points - state.x[contact.tool]) @ turn)
         reach = getattr(contact.surface, "reach", np.inf)
         yield _Tool(
-            distance - contact.offset,
+            distance - 0.5 * blank.thickness,
             normal @ turn.T,
             np.einsum("ia,nab,jb->nij", turn, curvature, turn),
             distance < reach,

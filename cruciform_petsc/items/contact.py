@@ -23,6 +23,7 @@ creep.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import copy
 from typing import Protocol
 
 import numpy as np
@@ -64,7 +65,7 @@ class Contact(Item):
         The tool's local node.
     area : float (m,)
         Of cloth at rest that each stands for, m^2.
-    offset : float
+    offset : float (m,), or of all
         Distance from the surface at which a node touches, m: half the cloth's thickness.
     stiffness : float
         k, N/m^3.
@@ -83,8 +84,16 @@ class Contact(Item):
         self.name, self.surface = name, surface
         self.nodes = np.column_stack([nodes, np.full(len(nodes), tool)]).astype(np.int32)
         self.tool = tool
-        self.area, self.offset = area, offset
+        self.area, self.offset = area, np.broadcast_to(offset, len(self.nodes))
         self.stiffness, self.width, self.friction, self.slip = stiffness, width, friction, slip
+        self._of = slice(None)
+
+    def of(self, rows: slice) -> Contact:
+        """Some of its nodes, to look at their `fields`; what is remembered is of all."""
+        part = copy(self)
+        part.nodes, part.area, part.offset = self.nodes[rows], self.area[rows], self.offset[rows]
+        part._of = rows
+        return part
 
     def chunks(self) -> Iterator[slice]:
         """See Item.chunks."""
@@ -107,8 +116,9 @@ class Contact(Item):
         y, area, memory = self.local(state, rows), self.area[rows], state.memory.get(self.name, {})
         energy, force, stiffness = room(len(y), 2, 2, 3, level)
         d, n, curvature = self.surface.look(y)
-        at = np.flatnonzero(d < self.offset)
-        e, q, k = self._compacted(state, d[at])
+        depth = self.offset[rows] - d
+        at = np.flatnonzero(depth > 0.0)
+        e, q, k = self._compacted(state, depth[at])
         energy[:] = 0.0
         energy[at, 0] = area[at] * e
         f, h = np.zeros((len(y), 3)), np.zeros((len(y), 3, 3) if level >= STIFFNESS else 0)
@@ -130,30 +140,20 @@ class Contact(Item):
             stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
         return energy, force, stiffness
 
-    def _compacted(self, state: Placed, distance: np.ndarray):
-        """See compaction, at distances (n,) from the surface; a tool may be on its way out."""
-        stiffness = self.stiffness * state.factors.get(self.name, 1.0)
-        return compaction(self.offset - distance, stiffness, self.width)
+    def _compacted(self, state: Placed, depth: np.ndarray):
+        """See compaction, at depths (n,) in the tool, which may be on its way out."""
+        return compaction(depth, self.stiffness * state.factors.get(self.name, 1.0), self.width)
 
     def _rub(self, y, memory: Mapping[str, np.ndarray], level, energy, f, h) -> None:
         """Add friction to energy (m, 2), force (m, 3) and stiffness (m, 3, 3), in place."""
         at = np.flatnonzero(memory["pressed"] > 0.0)
         n, limit = memory["normal"][at], self.friction * memory["pressed"][at]
-        gap, s = _along(y[at] - memory["anchor"][at], n)
-        r = s / self.slip
-        energy[at, 1] = limit * self.slip * np.where(r < 1, r**2 - r**3 / 3, r - 1 / 3)
-        if level < FORCE:
-            return
-        # psi'/s, finite where s is zero
-        per_s = np.where(r < 1, 2.0 - r, 1.0 / np.maximum(r, 1.0)) / self.slip * limit
-        f[at] += per_s[:, None] * gap
-        if level < STIFFNESS:
-            return
-        second = limit * np.where(r < 1, 2.0 - 2.0 * r, 0.0) / self.slip
-        along = gap / np.maximum(s, 1e-300)[:, None]
-        plane = np.eye(3) - n[:, :, None] * n[:, None, :]
-        h[at] += per_s[:, None, None] * plane
-        h[at] += (second - per_s)[:, None, None] * along[:, :, None] * along[:, None, :]
+        gap = y[at] - memory["anchor"][at]
+        energy[at, 1], pull, plane = rubbed(gap, n, limit, self.slip, level)
+        if level >= FORCE:
+            f[at] += pull
+        if level >= STIFFNESS:
+            h[at] += plane
 
     # -- memory ------------------------------------------------------------------------------------
 
@@ -166,24 +166,24 @@ class Contact(Item):
             old = {"anchor": nowhere, "pressed": nothing, "spent": nothing, "slid": nothing}
             old |= {"place": y, "fresh": fresh}
         d, normal, _ = self.surface.look(y)
-        pressed = self.area * self._compacted(state, d)[1]
+        pressed = self.area * self._compacted(state, self.offset - d)[1]
         change = self.friction * float(abs(pressed - old["pressed"]).sum())
         anchor = old["anchor"].copy()
         at = np.flatnonzero(old["fresh"] & (pressed > 0.0))
-        anchor[at] = self._touched(old["place"][at], y[at], d[at])
+        anchor[at] = self._touched(old["place"][at], y[at], d[at], self.offset[at])
         memory = {**old, "anchor": anchor, "normal": normal, "pressed": pressed}
         return memory, change, self.friction * float(pressed.sum())
 
-    def _touched(self, before: np.ndarray, y: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    def _touched(self, before, y, distance, offset) -> np.ndarray:
         """Where on straight ways to y, in the tool, (n, 3), nodes have come to touch it."""
-        gap = np.maximum(self.surface.look(before)[0] - self.offset, 0.0)
-        share = gap / np.maximum(gap + self.offset - distance, 1e-300)
+        gap = np.maximum(self.surface.look(before)[0] - offset, 0.0)
+        share = gap / np.maximum(gap + offset - distance, 1e-300)
         return before + share[:, None] * (y - before)
 
     def accepted(self, state: Placed) -> dict[str, np.ndarray]:
         """See Item.accepted: anchors follow what has slipped; what lets go forgets its anchor."""
         memory, y = self.lagged(state)[0], self.local(state)
-        gap, s = _along(np.nan_to_num(y - memory["anchor"]), memory["normal"])  # NaN: no anchor
+        gap, s = along(np.nan_to_num(y - memory["anchor"]), memory["normal"])  # NaN: no anchor
         keep = np.minimum(1.0, self.slip / np.maximum(s, 1e-300))
         moved = y - keep[:, None] * gap
         slid = np.maximum(s - self.slip, 0.0)
@@ -207,8 +207,9 @@ class Contact(Item):
     def fields(self, state: Placed) -> dict[str, np.ndarray]:
         """Distance of the cloth's face to the tool [m], pressure [Pa], the way slid [m]; (m,)."""
         distance = self.surface.look(self.local(state))[0]
-        pressure = self._compacted(state, distance)[1]
-        slid = state.memory.get(self.name, {}).get("slid", np.zeros(len(distance)))
+        pressure = self._compacted(state, self.offset - distance)[1]
+        slid = state.memory.get(self.name, {}).get("slid")
+        slid = np.zeros(len(distance)) if slid is None else slid[self._of]
         return {"distance": distance - self.offset, "pressure": pressure, "slip": slid}
 
     def moment(self, state: Placed) -> np.ndarray:
@@ -221,7 +222,30 @@ class Contact(Item):
         return moment
 
 
-def _along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rubbed(gap: np.ndarray, normal: np.ndarray, limit: np.ndarray, slip: float, level: int):
+    """Friction's energy (n,), force (n, 3) and stiffness (n, 3, 3): see the module's text.
+
+    Gaps (n, 3) to the anchors count across normals (n, 3); ``limit`` (n,) is mu N, ``slip`` s_0.
+    """
+    gap, s = along(gap, normal)
+    r = s / slip
+    energy = limit * slip * np.where(r < 1, r**2 - r**3 / 3, r - 1 / 3)
+    none = np.zeros((0, 3))
+    if level < FORCE:
+        return energy, none, none
+    # psi'/s, finite where s is zero
+    per_s = np.where(r < 1, 2.0 - r, 1.0 / np.maximum(r, 1.0)) / slip * limit
+    force = per_s[:, None] * gap
+    if level < STIFFNESS:
+        return energy, force, none
+    second = limit * np.where(r < 1, 2.0 - 2.0 * r, 0.0) / slip
+    way = gap / np.maximum(s, 1e-300)[:, None]
+    stiffness = per_s[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
+    stiffness += (second - per_s)[:, None, None] * way[:, :, None] * way[:, None, :]
+    return energy, force, stiffness
+
+
+def along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The part of vectors (m, 3) across normals (m, 3), along the tool, and its length (m,)."""
     gap = gap - (gap * normal).sum(axis=1)[:, None] * normal
     return gap, np.linalg.norm(gap, axis=1)

@@ -57,6 +57,8 @@ class Item:
         its energy is none of the cloth's strain energy.
     lags : bool
         Whether it takes something as given while equilibrium is sought, see `lagged`.
+    patience : float
+        For how many Newton steps what it takes as given may do, before it is looked at again.
     """
 
     name: str = ""
@@ -64,6 +66,7 @@ class Item:
     nodes: np.ndarray
     is_load = False
     lags = False
+    patience = np.inf
 
     @property
     def keepers(self) -> np.ndarray:
@@ -96,6 +99,14 @@ class Item:
         """Slices of its elements, one at least, to work on one after the other."""
         for begin in range(0, max(len(self.nodes), 1), CHUNK):
             yield slice(begin, begin + CHUNK)
+
+    def joined(self, state: Placed) -> np.ndarray:
+        """Local nodes of its elements at a state, int32 (m, k): those whose energies `work` tells.
+
+        By default `nodes`. Those of an item whose elements change follow from what it remembers;
+        the same memory gives the same array. Rows of the memory are those of `nodes` all the same.
+        """
+        return self.nodes
 
     def lagged(self, state: Placed) -> tuple[Mapping[str, np.ndarray], float, float]:
         """What the item takes as given while equilibrium is sought, as it is at a state.

@@ -56,12 +56,15 @@ class DeadLoads(Item):
 G = 9.80665  # m/s^2, standard gravity
 
 
-def gravity(ply: PlyNodes, by: str, direction=(0.0, 0.0, -1.0)) -> DeadLoads:
+def gravity(
+    ply: PlyNodes, by: str, direction=(0.0, 0.0, -1.0), stretched: float = 1.0
+) -> DeadLoads:
     """Weight of a ply: areal density times the area of each node. Collective.
 
     ``by``: what wants it, for the InputError that is raised if the fabric has no areal density.
+    ``stretched``: area as the cloth is drawn over that without tension, of which the density is.
     """
-    weight = G * ply.network.fabric.needed("areal_density", by)
+    weight = G * ply.network.fabric.needed("areal_density", by) / stretched
     force = weight * ply.areas()[:, None] * np.asarray(direction, float)[: ply.dim]
     return DeadLoads(force, ply.nodes.rest, ply.nodes.num_nodes_owned, "gravity", 1.0)
 

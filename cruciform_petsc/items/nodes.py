@@ -61,6 +61,8 @@ class PlyNodes:
         Length of warp and weft yarns as the network is drawn over that without tension.
     slip : Slip, optional
         Yarns slide through crossovers, which have a second node each (Nodes).
+    near : int (m, 2), optional
+        Crossovers whose nodes this rank needs besides, see Nodes.
 
     Attributes
     ----------
@@ -84,6 +86,7 @@ class PlyNodes:
         flat: bool = True,
         prestretch: tuple[float, float] = (1.0, 1.0),
         slip: Slip | None = None,
+        near: np.ndarray | None = None,
     ):
         self.slip = slip
         self.constraints, self.network = constraints, constraints.network
@@ -94,13 +97,14 @@ class PlyNodes:
             law if isinstance(law, Potential) else linear(law) for law in out_of_plane or (0.0, 0.0)
         ]
         self.supports: Supports = find_supports(constraints)
+        self.near = near
         self.nodes = self._nodes()
         self.arm_directions = self._in_space(self.network.to_lab(self.network.arm_directions))
         self._place_nodes(flat)
         self._name_crossovers()
 
     def _nodes(self) -> Nodes:
-        return Nodes(self.network, self.dim, slides=self.slip is not None)
+        return Nodes(self.network, self.dim, slides=self.slip is not None, near=self.near)
 
     def _in_space(self, vectors: np.ndarray) -> np.ndarray:
         """Vectors (..., 2) in the plane z = 0, if the ply lies in space; (..., dim)."""

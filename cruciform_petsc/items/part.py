@@ -20,11 +20,14 @@ class OfPart(Item):
     item : Item
     at : int32 (n_local of the part,)
         The model's local numbers of the part's local nodes.
+    name : str, optional
+        In the model, where another part has an item of the same name: memory goes by it, sizes of
+        loads by the item's own.
     """
 
-    def __init__(self, item: Item, at: np.ndarray):
-        self.item, self.name, self.modes, self.is_load = item, item.name, item.modes, item.is_load
-        self.lags = item.lags
+    def __init__(self, item: Item, at: np.ndarray, name: str | None = None):
+        self.item, self.name, self.lags = item, name or item.name, item.lags
+        self.modes, self.is_load, self.patience = item.modes, item.is_load, item.patience
         self.nodes, self._at = at[item.nodes].astype(np.int32), at
         self._last: tuple[Placed, Placed] | None = None
 
@@ -36,7 +39,11 @@ class OfPart(Item):
     def _view(self, state: Placed) -> Placed:
         """The state as its part sees it."""
         if self._last is None or self._last[0] is not state:
-            self._last = (state, part_of(state, self._at))
+            view = part_of(state, self._at)
+            if self.name != self.item.name:
+                memory = {self.item.name: state.memory.get(self.name, {})}
+                view = replace(cast(Any, view), memory=memory)
+            self._last = (state, view)
         return self._last[1]
 
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:

@@ -48,8 +48,9 @@ class Ply(PlyNodes):
         flat: bool = True,
         prestretch: tuple[float, float] = (1.0, 1.0),
         slip: Slip | None = None,
+        near: np.ndarray | None = None,
     ):
-        super().__init__(constraints, out_of_plane, flat, prestretch, slip)
+        super().__init__(constraints, out_of_plane, flat, prestretch, slip, near)
         self.cruciforms = Cruciforms(self) if slip is None else SlidingCruciforms(self)
         self.slides = None
         if isinstance(self.cruciforms, SlidingCruciforms):

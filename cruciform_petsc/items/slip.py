@@ -185,10 +185,11 @@ class Slides(Item):
 
         F = n_w n_f share (force + coefficient (T_w + T_f)/2),  T_w = (T_1 + T_3)/(2 n_w), ... >= 0
 
-    as the sine of the crimp angle makes a normal force of a tension. ``share`` is that of its area
-    in the cloth, and while an end of a yarn goes through the crossover, falls to nothing from half
-    a pitch before to half a pitch behind: a yarn pulled out leaves one after the other. F and the
-    angle are those of the state before, brought up to date until it no longer matters (`lagged`).
+    as twice the sine of the crimp angle makes a normal force of a tension. ``share`` is that of its
+    area in the cloth, and while an end of a yarn goes through the crossover, falls to nothing from
+    half a pitch before to half a pitch behind: a yarn pulled out leaves one after the other. F and
+    the angle are those of the state before, brought up to date until it no longer matters
+    (`lagged`).
     """
 
     name = "slip"

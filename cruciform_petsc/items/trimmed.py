@@ -52,16 +52,28 @@ class Trimmed:
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
         """See Item.work."""
         energy, force, stiffness = self.item.work(state, level, rows, before)
-        share: np.ndarray = np.ones(len(energy))
-        for name, gone in zip(self._names, self._gone, strict=True):
-            share[gone[rows]] *= state.factors.get(name, 1.0)
-        share = np.maximum(share, LEFT)
+        share = self._share(state)[rows]
         energy *= share[:, None]
         if level >= FORCE:
             force *= share[:, None, None]
         if level >= STIFFNESS:
             stiffness *= share[:, None, None, None, None]
         return energy, force, stiffness
+
+    def accepted(self, state: Placed) -> Mapping[str, np.ndarray]:
+        """See Item.accepted; what is spent from here on fades, too."""
+        memory = dict(self.item.accepted(state))
+        if "spent" in memory:
+            before = state.memory.get(self.item.name, {}).get("spent", 0.0)
+            memory["spent"] = before + self._share(state) * (memory["spent"] - before)
+        return memory
+
+    def _share(self, state: Placed) -> np.ndarray:
+        """What of each element acts, (m,)."""
+        share: np.ndarray = np.ones(self._gone.shape[1])
+        for name, gone in zip(self._names, self._gone, strict=True):
+            share[gone] *= state.factors.get(name, 1.0)
+        return np.maximum(share, LEFT)
 
 
 def kept(

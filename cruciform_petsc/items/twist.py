@@ -54,6 +54,7 @@ class Twist(Item):
         network, nodes = ply.network, ply.nodes
         arms, carrying = network.arm_length, ply.supports.carrying
         hinge = nodes.of_hinge
+        at_plane = ply.constraints.mirrored_arm[network.arm_node, np.arange(4)]
         parts = []
         for family in (0, 1):
             after = nodes.after_hinge[:, family]
@@ -65,6 +66,9 @@ class Twist(Item):
             # Of a hinge's area what falls to each of its joints.
             joints = np.zeros(nodes.num_nodes_local)
             np.add.at(joints, pair, 1.0)
+            # Across a plane of symmetry there is one to the mirror image, without any twist.
+            across = at_plane & (arms > 0)
+            joints[hinge] += across[:, family] + 1.0 * across[:, family + 2]
             nodes.halo.share(joints)
             area = np.zeros(nodes.num_nodes_local)
             area[hinge] = np.where(arms.any(axis=1), network.quadrant_area.sum(axis=1), 0.0)
@@ -72,7 +76,13 @@ class Twist(Item):
             each = 0.5 * (area / np.maximum(joints, 1.0))[pair].sum(axis=0)
             along = np.concatenate([pair.T, crossing[0], crossing[1]], axis=1)
             length = np.linalg.norm(nodes.rest[pair[1]] - nodes.rest[pair[0]], axis=1)
-            parts.append((along, each, length))
+            # On a plane of symmetry crossing yarns go on as their mirror images, straight through
+            # it: along a yarn that lies there nothing twists.
+            ends = at_plane & (arms == 0)
+            cut = np.zeros(nodes.num_nodes_local, bool)
+            cut[hinge] = ends[:, 1 - family] | ends[:, 3 - family]
+            free = ~nodes.halo.forward(cut)[pair].any(axis=0)
+            parts.append((along[free], each[free], length[free]))
         joined, each, length = (np.concatenate(part) for part in zip(*parts, strict=True))
         self.nodes = joined.astype(np.int32)
         across = [

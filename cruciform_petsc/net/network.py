@@ -158,14 +158,14 @@ class Network(DistributedNodes):
         self.quadrant_area = np.full((n, 4), 0.25 * self.pitch.prod())
         self.arm_is_shared = np.ones((n, 4), bool)
         edge = ij[is_near]
-        length, shared = self._cut_arms(edge)
+        length, shared = self.arms_at(edge)
         self.arm_length[is_near] = length * np.tile(self.pitch, 2)
         self.arm_is_shared[is_near] = shared
         area = quadrant_areas(edge, self.has_crossover, outline)
         self.quadrant_area[is_near] = area * self.pitch.prod()
 
-    def _cut_arms(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Arm lengths in pitches (n, 4) and whether each ends at a neighbouring crossover."""
+    def arms_at(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arm lengths in pitches (n, 4), whether each ends at a next crossover; of any rank's."""
         length = np.zeros((len(ij), 4))
         shared = np.zeros((len(ij), 4), bool)
         for family, yarns in enumerate((self.warp_yarns, self.weft_yarns)):
@@ -190,18 +190,31 @@ class Network(DistributedNodes):
 
     # -- nodes ----------------------------------------------------------------------------------
 
-    def _make_nodes(self) -> None:
-        ij = self.crossover_ij.astype(np.int64)
+    def ends_at(self, ij: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Keys of the ends of arms 1 to 4 of crossovers (n, 2), and their owners, (n, 4) each.
+
+        On whichever rank; where an arm has no length, the hinge's.
+        """
+        return self._ends(ij.astype(np.int64), *self.arms_at(ij))
+
+    def _ends(self, ij: np.ndarray, length: np.ndarray, shared: np.ndarray):
         i, j = ij.T
         warp, weft = pack_key(0, j, 4 * i), pack_key(1, i, 4 * j)  # the crossovers on their yarns
-        keys = np.where(self.arm_is_shared, BETWEEN, TAIL)
+        keys = np.where(shared, BETWEEN, TAIL)
         keys += np.stack([warp, weft, warp, weft], axis=1)
-        keys = np.where(self.arm_length == 0, warp[:, None], keys)  # the hinge's
+        keys = np.where(length == 0, warp[:, None], keys)  # the hinge's
+        own = self.partition.in_box(ij, self.comm.rank)
         owner = np.full(keys.shape, self.comm.rank, np.int32)
+        owner[~own] = self.partition.owner(ij[~own])[:, None]
         for arm in (2, 3):  # an end shared by two crossovers belongs to the lower one
             behind = ij + ARM_STEP[arm]
-            ask = self.arm_is_shared[:, arm] & ~self.partition.in_box(behind, self.comm.rank)
+            ask = shared[:, arm] & ~(own & self.partition.in_box(behind, self.comm.rank))
             owner[ask, arm] = self.partition.owner(behind[ask])
+        return keys, owner
+
+    def _make_nodes(self) -> None:
+        ij = self.crossover_ij.astype(np.int64)
+        keys, owner = self._ends(ij, self.arm_length, self.arm_is_shared)
         foreign = owner != self.comm.rank
         owned = np.unique(keys[~foreign])
         super().__init__(self.comm, owned, keys[foreign], owner[foreign])

@@ -27,6 +27,8 @@ class Nodes(DistributedNodes):
     slides : bool
         Whether crossovers have a second node each, which lies there at rest and is no place: its
         components along warp and weft are how far these yarns have slid through the hinge.
+    near : int (m, 2), optional
+        Crossovers, on any rank, whose nodes this one needs, too.
 
     Attributes
     ----------
@@ -52,7 +54,14 @@ class Nodes(DistributedNodes):
         Rows: axes of a node's unknowns, along warp and weft at rest (and z). Edges may turn them.
     """
 
-    def __init__(self, network: Network, dim: int = 2, around: bool = False, slides: bool = False):
+    def __init__(
+        self,
+        network: Network,
+        dim: int = 2,
+        around: bool = False,
+        slides: bool = False,
+        near: np.ndarray | None = None,
+    ):
         ij = network.crossover_ij.astype(np.int64)
         hinge_key = pack_key(0, ij[:, 1], 4 * ij[:, 0])
         joined = network.arm_is_shared[:, :2]
@@ -66,14 +75,23 @@ class Nodes(DistributedNodes):
         slide_key, beside_key = hinge_key[:0], np.zeros((0, 4), np.int64)
         if slides:
             # The crossovers as places on their weft yarns; hinges are those on the warp yarns.
-            near = ij[:, None] + ARM_STEP
+            beside = ij[:, None] + ARM_STEP
             slide_key = pack_key(1, ij[:, 0], 4 * ij[:, 1])
-            beside_key = pack_key(1, near[..., 0], 4 * near[..., 1])
-            away = network.arm_is_shared & ~network.partition.in_box(near, network.comm.rank)
+            beside_key = pack_key(1, beside[..., 0], 4 * beside[..., 1])
+            away = network.arm_is_shared & ~network.partition.in_box(beside, network.comm.rank)
             owned_key = np.union1d(owned_key, slide_key)
             ghost_key = np.concatenate([ghost_key, beside_key[away]])
-            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near[away])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(beside[away])])
         super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
+        if near is not None:
+            key, owner = network.ends_at(near)
+            hinge = pack_key(0, near[:, 1].astype(np.int64), 4 * near[:, 0].astype(np.int64))
+            ours = network.partition.owner(near)
+            key, owner = np.append(key, hinge), np.append(owner, ours)
+            away = owner != network.comm.rank
+            ghost_key = np.concatenate([ghost_key, key[away]])
+            ghost_owner = np.concatenate([ghost_owner, owner[away]])
+            super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         ends = network.node_key[network.arm_node[:, [[3, 1], [2, 0]]]]
         cells = np.zeros((0, 8), np.int64)
         if dim == 3:
@@ -84,11 +102,11 @@ class Nodes(DistributedNodes):
             ghost_owner = np.concatenate([ghost_owner, more[:, 1]])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         if around:
-            near = (ij[:, None] + AROUND).reshape(-1, 2)
-            near = near[~network.partition.in_box(near, network.comm.rank)]
-            near = near[network.has_crossover(near)]
-            ghost_key = np.concatenate([ghost_key, pack_key(0, near[:, 1], 4 * near[:, 0])])
-            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(near)])
+            more_ij = (ij[:, None] + AROUND).reshape(-1, 2)
+            more_ij = more_ij[~network.partition.in_box(more_ij, network.comm.rank)]
+            more_ij = more_ij[network.has_crossover(more_ij)]
+            ghost_key = np.concatenate([ghost_key, pack_key(0, more_ij[:, 1], 4 * more_ij[:, 0])])
+            ghost_owner = np.concatenate([ghost_owner, network.partition.owner(more_ij)])
             super().__init__(network.comm, owned_key, ghost_key, ghost_owner)
         self.of_network_node = self.find(network.node_key)
         self.of_hinge = self.find(hinge_key)

@@ -175,7 +175,7 @@ def bare(steps: Sequence[Increment | FormingStep]) -> list[Increment]:
 def _values(case: Case) -> list[list[float]]:
     """Values asked for, in each stage; all but a forming have one."""
     if isinstance(case.test, FormingTable):
-        return [targets(number, stage.results) for number, stage in enumerate(case.stages)]
+        return [targets(number, stage.results) for number, stage in enumerate(case.all_stages)]
     return [case.test.values_si]
 
 
@@ -187,8 +187,8 @@ def _is_by_load(case: Case) -> bool:
 
 
 def _stage_name(case: Case, time: float) -> str | None:
-    number = stage_number(time) if abs(time) < MOST else len(case.stages)
-    return case.stages[number].name if number < len(case.stages) else None
+    number = stage_number(time) if abs(time) < MOST else len(case.all_stages)
+    return case.all_stages[number].name if number < len(case.all_stages) else None
 
 
 def _has_numbers(figures: Any) -> bool:
@@ -777,6 +777,9 @@ def determines(case: Case) -> dict[str, Any]:
     for stage in data.get("stage", []):
         stage.pop("step")
     data["preform"]["outline"]["file"] = case.preform_table.outline.drawn
+    for told, ply in zip(data.get("ply", []), case.plies, strict=True):
+        if ply.outline is not None:
+            told["outline"]["file"] = ply.outline.drawn
     for tool in data.get("tool", []):
         path = tool["shape"].get("file")
         if path is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..calibration.result import Calibration
 from ..errors import InputError, cut, unknown
-from ..experiments.registry import forms
+from ..experiments.registry import forms, in_space
 from ..experiments.result import TestResult
 from ..forming.forming import Formed
 from ..net.network import Network
@@ -60,6 +60,8 @@ def _(result: Result, ax: Given, what: str, title: str, label: str) -> Any:
     curve, network, text = result.curve(), result.network, pictures.plain_text(title)
     if forms(result.kind):
         curves = formed.curves_of(curve, [stage.name for stage in result.case.stages], text)
+    elif in_space(result.kind):
+        raise InputError("a fishnet has no curve: its pictures are in its folder")
     else:
         curves = figures.curves_of(result.case.experiment(network), curve, text)
     return _chosen(network.comm, curves, what, ax, label)

@@ -137,9 +137,14 @@ def export_formed(
         np.rad2deg(fields["shear_angle"]),
         area_ratio(fields),
     )
+    ply = forming.suffix
     paths = [
-        directory / n for n in ("cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad")
-    ]
+        directory / name
+        for name in (
+            f"cells{ply}.csv", f"preform{ply}.inp", f"preform{ply}_ccx.inp",
+            f"preform{ply}_0000.rad",
+        )
+    ]  # fmt: skip
     write_rows(comm, paths[0], "cell", mesh.element, _cell_columns(mesh))
     for path, pieces in zip(
         paths[1:], (input_file(mesh), bricks(mesh), starter_file(mesh)), strict=True

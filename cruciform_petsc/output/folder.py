@@ -30,7 +30,7 @@ MANIFEST, PROGRAM = ".cruciform-petsc.json", "cruciform_petsc"
 CHECKPOINT, PUT_ASIDE = "checkpoint", "checkpoint.old"
 PATIENCE = 10.0  # s, with a run that was killed in the same folder: it takes a while to end
 # What each command may leave. A run removes what an earlier one left, lest it looks like its own.
-OF_RUN = (
+_OF_RUN = (
     "summary.json", "report.html", "curve.csv", "increments.csv", "centre_line.csv",
     "continuum.csv", "ladder.csv", "load_and_measured.csv", "network.vtkhdf", "series.vtkhdf",
     "crossovers.csv", "cells.csv", "preform.inp", "preform_ccx.inp", "preform_0000.rad",
@@ -46,6 +46,16 @@ OF_RUN = (
     "load_against_deflection.png", "load_against_extension.png", "load_against_angle.png",
     "load_against_crosshead.png",
 )  # fmt: skip
+_OF_PLIES = tuple(  # of each of several
+    f"{stem}_ply{number}{rest}"
+    for number in range(1, 9)
+    for stem, rest in (
+        ("fields", ".csv"), ("series", ".vtkhdf"), ("outline", ".csv"), ("outline", ".svg"),
+        ("outline", ".dxf"), ("cells", ".csv"), ("preform", ".inp"), ("preform", "_ccx.inp"),
+        ("preform", "_0000.rad"), ("formed", ".png"), ("wrinkles", ".png"),
+    )
+)  # fmt: skip
+OF_RUN: tuple[str, ...] = (*_OF_RUN, *_OF_PLIES)
 OF_CALIBRATION = (
     "calibration.json", "calibration.csv", "calibration.png", "law.toml", "hold_out.csv",
 )  # fmt: skip

@@ -17,11 +17,13 @@ from ..equilibrium.state import State
 from ..errors import InputError
 from ..experiments.limits import beyond_laws
 from ..experiments.result import State as Fields
+from ..forming.blank import Blank
 from ..forming.drape import Drape
 from ..forming.forming import Formed, FormingStep
 from ..forming.kind import Forming
 from ..forming.measures import (
     DrawIn,
+    between_plies,
     contact_fields,
     penetration,
     shear_figures,
@@ -38,7 +40,7 @@ from . import paraview, pictures, scene
 from .cells import area_ratio
 from .log import tell_assumed
 from .provenance import provenance
-from .sample import node_means, sample_map, sample_surface
+from .sample import node_means, sample_map, sample_surface, together
 from .tables import write_crossovers, write_csv
 from .view import View, steps_shown
 
@@ -78,17 +80,29 @@ class Record:
 
     def __init__(self, forming: Forming, path: Path, log: logging.Logger, earlier: int = 0):
         self.forming, self.path, self.log, self.earlier = forming, path, log, earlier
-        self.draw_in = DrawIn(forming.blank)
+        self.draw_in = [DrawIn(one) for one in forming.blank.each]
         self.drawn: list[dict[str, float]] = []
         self.steps: list[FormingStep] = []
 
     def __call__(self, step: FormingStep, state: State) -> None:
         """Take note of a step. Collective."""
         self.steps.append(step)
-        self.drawn.append(self.draw_in.largest(state))
+        drawn = zip(self.draw_in, forming_edges(self.draw_in), strict=True)
+        self.drawn.append(
+            {
+                name: value
+                for of, names in drawn
+                for name, value in zip(names, of.largest(state).values(), strict=True)
+            }
+        )
         if len(self.steps) >= self.earlier:
             self._tell(step)
             write_csv(self.forming.network.comm, self.path, self.table())
+
+    @property
+    def edges(self) -> list[str]:
+        """Edges whose draw-in is told, of several plies with the ply's name before."""
+        return [name for names in forming_edges(self.draw_in) for name in names]
 
     def _tell(self, step: FormingStep) -> None:
         if len(self.steps) > self.earlier:
@@ -178,8 +192,17 @@ def table_of(
     return columns
 
 
+def forming_edges(drawn: Sequence[DrawIn]) -> list[list[str]]:
+    """Names of the edges of each ply."""
+    return [[f"{of.blank.name} {edge}".strip() for edge in of.edges] for of in drawn]
+
+
 def summarize(
-    case: Case, forming: Forming, formed: Formed, record: Record, statistics: Mapping[str, Any]
+    case: Case,
+    forming: Forming,
+    formed: Formed,
+    record: Record,
+    statistics: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
     """All figures of a forming, of the last state that was reached. Collective."""
     blank, comm = forming.blank, forming.network.comm
@@ -197,7 +220,7 @@ def summarize(
         "title": case.title,
         "kind": forming.kind,
         "finite": True,
-        "crossovers": statistics["crossovers"],
+        "crossovers": sum(of["crossovers"] for of in statistics),
         "dofs": 3 * blank.nodes.num_nodes_global,
         "stages": by_stage,
         "contact": {
@@ -206,23 +229,27 @@ def summarize(
             "elastic_slip_m": blank.settings.slip,
             "viscosity_n_s_per_m3": blank.settings.viscosity,
         },
-        "network": dict(statistics),
+        "network": dict(statistics[0]),
         "case": case.model_dump(),
         **provenance(comm),
     }
     if not formed.steps:
         return summary
     last, state = formed.steps[-1], formed.states[-1]
-    fields = blank.ply.fields(blank.of_cloth(state))
-    deepest = penetration(blank, state)
-    shear = shear_figures(blank, fields)
-    warnings = beyond_laws(blank.network, np.deg2rad(shear["shear_max_deg"]), fields["arm_strain"])
-    if deepest > MUCH * forming.thickness:
-        warnings.append(
-            f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
-            f"which is {format_si(forming.thickness, 'm')} thick: a larger "
-            "test.contact.stiffness, or a finer net, brings it nearer to them"
-        )
+    of_plies = [_of_ply(one, state) for one in forming.each]
+    warnings = [sentence for of in of_plies for sentence in of.pop("warnings")]
+    figures = of_plies[0]
+    if len(of_plies) > 1:
+        figures = {
+            key: max(of[key] for of in of_plies)
+            for key in ("shear_max_deg", "shear_p99_deg", "penetration_max_mm")
+        }
+        worst = max(of_plies, key=lambda of: of["wrinkles"]["largest_height_mm"])
+        bridging = max(of_plies, key=lambda of: of["bridging"]["largest_gap_mm"])
+        figures |= {"wrinkles": worst["wrinkles"], "bridging": bridging["bridging"]}
+        for number, (of, sizes) in enumerate(zip(of_plies, statistics, strict=True), 1):
+            of |= {"files": f"_ply{number}", "network": dict(sizes)}
+        figures |= {"plies": of_plies, "between_plies": _between(blank, state, warnings)}
     energy = {**{mode: last.increment.energies.get(mode, 0.0) for mode in ENERGIES}, **last.spent}
     share = energy["viscous"] / max(sum(energy.values()), 1e-300)
     before = formed.steps[-2] if len(formed.steps) > 1 else None
@@ -239,16 +266,16 @@ def summarize(
         "tool_force_n": {name: force.tolist() for name, force in last.tool_force.items()},
         "tool_place_mm": {name: (MM * p).tolist() for name, p in last.tool_place.items()},
         "tool_moment_n_m": {name: m.tolist() for name, m in last.tool_moment.items()},
-        **shear,
         "draw_in_mm": {edge: MM * drawn for edge, drawn in record.drawn[-1].items()},
-        "penetration_max_mm": MM * deepest,
-        **Waves.of(blank, state).figures(blank, fields),
+        **figures,
         "energy_j": energy,
         **({} if last.softest is None else {"lowest_stiffness_pa_per_mm": 1e-3 * last.softest}),
         "work_of_tools_j": last.work,
         "work_of_loads_j": dict(last.load_work),
         **forming.figures(formed),
     }
+    if forming.draped is not None:
+        summary["fishnet"] = forming.draped.figures()
     if forming.test.symmetry:
         summary["symmetry"] = {
             "planes": list(forming.test.symmetry),
@@ -265,6 +292,52 @@ def summarize(
             for edge in slipped
         }
     return summary
+
+
+def _of_ply(forming: Forming, state: State) -> dict[str, Any]:
+    """Figures of a ply, or of a single blank, and warnings. Collective."""
+    blank = forming.blank
+    fields, deepest = blank.ply.fields(blank.of_cloth(state)), penetration(blank, state)
+    shear, warnings = shear_figures(blank, fields), []
+    most_sheared = np.deg2rad(shear["shear_max_deg"])
+    warnings += beyond_laws(blank.network, most_sheared, fields["arm_strain"])
+    if deepest > MUCH * forming.thickness:
+        warnings.append(
+            f"tools compact the cloth by {format_si(float(f'{deepest:.3g}'), 'm')} on a side, "
+            f"which is {format_si(forming.thickness, 'm')} thick: a larger "
+            "test.contact.stiffness, or a finer net, brings it nearer to them"
+        )
+    if blank.name:
+        warnings = [f'ply "{blank.name}": {sentence}' for sentence in warnings]
+    return {
+        **({"name": blank.name} if blank.name else {}),
+        **shear,
+        "penetration_max_mm": MM * deepest,
+        **Waves.of(blank, state).figures(blank, fields),
+        "warnings": warnings,
+    }
+
+
+def _between(blank: Blank, state: State, warnings: list[str]) -> dict[str, dict[str, float]]:
+    """Figures of what acts between plies, and a warning where they are compacted much."""
+    found = between_plies(blank, state)
+    thickness = min(one.thickness for one in blank.each)
+    for name, of in found.items():
+        if of["compaction"] > 2.0 * MUCH * thickness:
+            deep = format_si(float(f"{of['compaction']:.3g}"), "m")
+            warnings.append(
+                f'plies, "{name}", are compacted by {deep}, half of it each: a larger '
+                "test.contact.stiffness, or a finer net, helps"
+            )
+            break
+    return {
+        name: {
+            "compaction_max_mm": MM * of["compaction"],
+            "pressure_max_kpa": KPA * of["pressure"],
+            "slip_max_mm": MM * of["slip"],
+        }
+        for name, of in found.items()
+    }
 
 
 def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Path) -> None:
@@ -291,6 +364,9 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     ):
         log.info(told, what, size, 100.0 * of)
     log.info("compaction    %.3g mm at most, on each side", summary["penetration_max_mm"])
+    for name, of in summary.get("between_plies", {}).items():
+        text = "%-13s compacted by %.3g mm at most, pressed with up to %.3g kPa"
+        log.info(text, name, of["compaction_max_mm"], of["pressure_max_kpa"])
     energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
     texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
@@ -398,9 +474,14 @@ def write_series(
     own = (*_OF_CONTACT, "wrinkle_height", "bridging", "yarn_direction", "curvature")
     changing = {name for name in first if name.split("/")[-1].startswith(own)}
     paraview.write_by_rank(
-        comm, directory / "series.vtkhdf", cloth, notes, times, paraview.CHANGING | changing
+        comm,
+        directory / f"series{forming.suffix}.vtkhdf",
+        cloth,
+        notes,
+        times,
+        paraview.CHANGING | changing,
     )
-    if not forming.tools:
+    if not forming.tools or forming.suffix not in ("", "_ply1"):
         return
     facets = [tool.surface.facets() for tool in forming.tools]
     tools = (_tools(forming, facets, state) for state in states)
@@ -436,13 +517,11 @@ def figures_of(
     """What draws each picture of a forming, on rank 0, by the name of its file. Collective."""
     frames = [frame_of(forming, state) for state in _of_the_way(formed.states)]
     last = formed.states[-1]
-    height = _heights(forming, last)
     return {
         "formed.png": partial(scene.formed, frames[-1:], title),
         **({"stages.png": partial(scene.formed, frames, title)} if len(frames) > 1 else {}),
-        **_flat_maps(forming, last, height, title),
+        **_of_plies(forming, last, title),
         **_modes(forming, formed, title),
-        **_wrinkles(forming, last, height, title),
         **(_shadow(forming, formed, title) if isinstance(forming, Drape) else {}),
         **curves_of(table, [stage.name for stage in forming.stages], title),
     }
@@ -529,17 +608,22 @@ def view_of(forming: Forming, formed: Formed) -> View:
     """View in space for the report, from the flat blank on. Collective; empty but on rank 0."""
     every = [forming.blank.start(), *formed.states]
     view = View(tools={tool.name: tool.surface.facets() for tool in forming.tools})
-    for k in steps_shown(forming.network, len(every), len(VIEWED)):
+    largest = max(forming.networks, key=lambda net: net.num_crossovers_global)
+    each = len(forming.each)  # as many times as many values
+    for k in steps_shown(largest, len(every), (3 + len(VIEWED)) * each - 3):
         state = every[k]
-        columns = crossover_columns(forming, state)
-        place = 1e-3 * np.column_stack([columns[f"{letter}_mm"] for letter in "xyz"])
-        values = {
-            quantity(name).axis: np.where(columns["carrying"], columns[name], np.nan)
-            for name in VIEWED
-        }
-        angle = values.pop(quantity("shear_deg").axis)
-        values = {pictures.SIZE_LABEL: abs(angle), **values}
-        view.surfaces.append(sample_surface(forming.network, place, values))
+        surfaces = []
+        for one in forming.each:
+            columns = crossover_columns(one, state)
+            place = 1e-3 * np.column_stack([columns[f"{letter}_mm"] for letter in "xyz"])
+            values = {
+                quantity(name).axis: np.where(columns["carrying"], columns[name], np.nan)
+                for name in VIEWED
+            }
+            angle = values.pop(quantity("shear_deg").axis)
+            values = {pictures.SIZE_LABEL: abs(angle), **values}
+            surfaces.append(sample_surface(one.network, place, values))
+        view.surfaces.append(together(surfaces))
         view.captions.append(when(forming, state) if k else "flat blank")
         for tool, node in zip(forming.tools, forming.blank.tool_node, strict=True):
             there = state.factors.get(tool.name, 1.0) > 0.0
@@ -561,15 +645,32 @@ def draw_animation(directory: Path, forming: Forming, formed: Formed, title: str
     on_root(forming.network.comm, draw)
 
 
+def _of_plies(forming: Forming, state: State, title: str) -> dict[str, Any]:
+    """Pictures of each ply: formed, if there are several; maps of it flat; wrinkles. Collective."""
+    drawn: dict[str, Any] = {}
+    for one in forming.each:
+        name = f"{title}, ply {one.blank.name}" if one.blank.name else title
+        if one.suffix:
+            frame = frame_of(one, state)
+            drawn[f"formed{one.suffix}.png"] = partial(scene.formed, [frame], name)
+        height = _heights(one, state)
+        drawn |= _flat_maps(one, state, height, name)
+        if height is not None:
+            frame = frame_of(one, state, MM * height)
+            picture = partial(scene.formed, [frame], name, WRINKLES)
+            drawn[f"wrinkles{one.suffix}.png"] = picture
+    return drawn
+
+
 def _flat_maps(
     forming: Forming, state: State, height: np.ndarray | None, title: str
 ) -> dict[str, Any]:
     """Maps of the flat blank, which no tool hides: shear, and wrinkles if there are. Collective."""
     fields = forming.blank.ply.fields(forming.blank.of_cloth(state))
     shear = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    shown = {"shear_map.png": (shear, "shear angle (°)")}
+    shown = {f"shear_map{forming.suffix}.png": (shear, "shear angle (°)")}
     if height is not None:
-        shown["wrinkle_map.png"] = (MM * height, WRINKLES)
+        shown[f"wrinkle_map{forming.suffix}.png"] = (MM * height, WRINKLES)
     told = f"{title}\n{when(forming, state)}, on the flat blank"
     drawn: dict[str, Any] = {}
     for name, (values, label) in shown.items():
@@ -585,16 +686,6 @@ def _heights(forming: Forming, state: State) -> np.ndarray | None:
     return height if noticed else None
 
 
-def _wrinkles(
-    forming: Forming, state: State, height: np.ndarray | None, title: str
-) -> dict[str, Any]:
-    """The picture of wrinkles' heights, where there are any. Collective."""
-    if height is None:
-        return {}
-    frame = frame_of(forming, state, MM * height)
-    return {"wrinkles.png": partial(scene.formed, [frame], title, WRINKLES)}
-
-
 def _of_the_way(states: Sequence[State], most: int = FRAMES) -> list[State]:
     """Up to so many of the states, evenly, and the last."""
     taken = np.linspace(0, len(states) - 1, min(most, len(states)))
@@ -607,12 +698,16 @@ def frame_of(forming: Forming, state: State, values: np.ndarray | None = None) -
     ``values`` at this rank's crossovers, (n_owned,); by default the shear angle in degrees.
     Collective; nothing is in it on other ranks.
     """
-    network, blank = forming.network, forming.blank
-    fields = blank.ply.fields(blank.of_cloth(state))
-    place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
-    if values is None:
-        values = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
-    surface = sample_surface(network, place, {"": abs(values)})
+    surfaces = []
+    for one in forming.each:
+        network, blank = one.network, one.blank
+        fields = blank.ply.fields(blank.of_cloth(state))
+        place = blank.ply.nodes.rest[blank.ply.nodes.of_hinge] + fields["displacement"]
+        shown = values
+        if shown is None:
+            shown = np.where(fields["carrying"], np.rad2deg(fields["shear_angle"]), np.nan)
+        surfaces.append(sample_surface(network, place, {"": abs(shown)}))
+    surface = together(surfaces)
     facets = [tool.surface.facets() for tool in forming.tools]
     tools: dict[bool, list[Facets]] = {True: [], False: []}
     for tool, placed in zip(forming.tools, _tool_facets(forming, state, facets), strict=True):
@@ -636,7 +731,7 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
     cloth = blank.of_cloth(state)
     moved = ply.displacement(cloth)[1]
     arrays = paraview.arrays(network, Fields(state.time, 0.0, ply.fields(cloth), moved))
-    arrays["Points"][:, 2] += 0.5 * forming.thickness  # where the blank lies
+    arrays["Points"][:, 2] += blank.height  # where the ply lies
     node = np.flatnonzero(~network.node_is_hinge)
     at = np.concatenate([ply.nodes.of_hinge, ply.nodes.of_network_node[node]])
     touch = contact_fields(blank, state)
@@ -656,8 +751,11 @@ def _cloth(forming: Forming, state: State) -> dict[str, np.ndarray]:
 
 def _tools(forming: Forming, facets: list, state: State) -> dict[str, np.ndarray]:
     """Arrays of the tools' triangles, on rank 0; the other ranks have none."""
-    mine = forming.network.comm.rank == 0
-    every = _tool_facets(forming, state, facets)
+    return tool_arrays(_tool_facets(forming, state, facets), forming.network.comm.rank == 0)
+
+
+def tool_arrays(every: Sequence[Facets], mine: bool) -> dict[str, np.ndarray]:
+    """Arrays of tools' triangles where they stand; none on a rank that has none of them."""
     points, triangles = _joined(every)
     number = np.repeat(np.arange(len(every)), [len(cells) for _, cells in every])
     if not mine:

@@ -18,7 +18,7 @@ import shapely
 
 from ..cloth.fabric import Fabric
 from ..cloth.preform import Preform
-from ..experiments.registry import forms
+from ..experiments.registry import forms, in_space
 from ..experiments.result import EFFORT, TestResult
 from ..forming.forming import Formed
 from ..quantities import quantity, si_text
@@ -92,7 +92,8 @@ def _(shown: Result) -> str:
     warnings = [str(sentence) for sentence in summary.get("warnings", [])]
     text = [f"Ended early: {shown.ended_early}"] if shown.ended_early else []
     title = str(summary.get("title", "")) or shown.folder.name
-    return _page([title, ""], rows, text + warnings, _plotted(shown))
+    curved = forms(shown.kind) or not in_space(shown.kind)
+    return _page([title, ""], rows, text + warnings, _plotted(shown) if curved else "")
 
 
 def _last(curve: Mapping[str, np.ndarray]) -> list[tuple[str, str]]:

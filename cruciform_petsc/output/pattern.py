@@ -51,7 +51,11 @@ def write_pattern(
     comm, table = forming.network.comm, outline(forming.blank, state)
     names = ("x_rest_mm", "y_rest_mm", "x_mm", "y_mm", "z_mm")
     columns = {name: MM * table[:, 1 + k] for k, name in enumerate(names)}
-    write_csv(comm, directory / "outline.csv", {"ring": table[:, 0].astype(int), **columns})
+    write_csv(
+        comm,
+        directory / f"outline{forming.suffix}.csv",
+        {"ring": table[:, 0].astype(int), **columns},
+    )
     polygon = forming.network.preform.outline
     flat = [MM * np.asarray(r.coords)[:, :2] for r in (polygon.exterior, *polygon.interiors)]
     now = [MM * table[table[:, 0] == ring][:, 3:5] for ring in range(len(flat))]
@@ -62,10 +66,10 @@ def write_pattern(
         net, remarks = mapped_back(forming, state, part)
         columns = {name: MM * net[:, 1 + k] for k, name in enumerate(names)}
         ring = net[:, 0].astype(int)
-        write_csv(comm, directory / "net_pattern.csv", {"ring": ring, **columns})
+        write_csv(comm, directory / f"net_pattern{forming.suffix}.csv", {"ring": ring, **columns})
         rings[PART] = [piece for k in np.unique(ring) for piece in _pieces(MM * net[ring == k])]
-    on_root(comm, lambda: _write_svg(directory / "outline.svg", rings))
-    missing = on_root(comm, lambda: _write_dxf(directory / "outline.dxf", rings))
+    on_root(comm, lambda: _write_svg(directory / f"outline{forming.suffix}.svg", rings))
+    missing = on_root(comm, lambda: _write_dxf(directory / f"outline{forming.suffix}.dxf", rings))
     if part is not None and not missing:  # nothing but what is cut, as a blank can be read from
         on_root(comm, lambda: _write_dxf(directory / "net_pattern.dxf", {PART: rings[PART]}))
     if missing:

@@ -75,6 +75,10 @@ FORMING_CAPTIONS = {
     "energy.png": "Energy: stored in cloth and contact; dissipated by friction.",
     "mode.png": "Softest shapes of the cloth among its tools at the end; their size is arbitrary.",
 }
+FISHNET_CAPTIONS = {
+    "formed.png": "The blank laid on the tool, coloured by the size of the shear angle.",
+    "shear_map.png": "Size of the shear angle, drawn on the flat blank.",
+}
 WIDE = 1.6  # pictures wider than this, by their height, have a line to themselves; stages.png has
 LEAST = 420  # pixels of width of a picture, two of which go into a row
 NOISE = 1e-9  # of the total (energies), or degrees: rounding, told as 0
@@ -184,6 +188,55 @@ def write_forming_report(
             "continuum": _formed_continuum(summary),
             "increments": Table.of({k: effort[k] for k in (*list(effort)[:2], *list(effort)[-2:])}),
         }
+
+    _write(comm, directory, case, summary, sections, view)
+
+
+def write_fishnet_report(
+    comm: MPI.Intracomm,
+    directory: Path,
+    case: Case,
+    summary: Mapping[str, Any],
+    pictures: Sequence[str] = (),
+    view: View | None = None,
+) -> None:
+    """Write report.html of a fishnet. Collective."""
+
+    def sections() -> dict[str, Any]:
+        net, at = summary["fishnet"], summary["shear_max_at_mm"]
+        rows = {
+            "seed on the flat blank (mm)": net["seed_mm"],
+            "seed in space (mm)": net["place_mm"],
+            "warp there, in plan, from x (°)": [net["warp_heading_deg"]],
+            "from warp to weft there (°)": [net["between_deg"]],
+            "largest shear angle, on the flat blank (mm)": at["flat"],
+            "largest shear angle, in space (mm)": at["in_space"],
+        }
+        if "least_energy" in net:
+            found = net["least_energy"]
+            rows["coarse nets tried for the least energy"] = [found["nets"]]
+            energies = [1e3 * found[key] for key in ("coarse_energy_before_j", "coarse_energy_j")]
+            rows["energy of the first and of the best of them (mJ)"] = energies
+        energy = 1e3 * net["shear_energy_j"]
+        return {
+            "key_figures": [
+                (name, summary[key], angle_text(summary[key], "°"))
+                for name, key in (
+                    ("largest shear angle (absolute)", "shear_max_deg"),
+                    ("shear angle that 99 % keep to", "shear_p99_deg"),
+                )
+            ] + [("energy of shear", energy, f"{energy:.4g} mJ")],
+            "note": "Laid by geometry alone: yarns keep their lengths, no forces were asked for.",
+            "maps": gallery([directory / name for name in pictures], FISHNET_CAPTIONS),
+            "striped": False,
+            "curves": [],
+            "results": Table(["", "x, or it", "y", "z"], [
+                [name, *numbers(values), *[""] * (3 - len(values))] for name, values in rows.items()
+            ]),
+            "measured_table": None,
+            "continuum": None,
+            "increments": None,
+        }  # fmt: skip
 
     _write(comm, directory, case, summary, sections, view)
 

@@ -109,10 +109,10 @@ def sample_surface(
     """Gather crossovers, or every k-th of both families, on rank 0; none on others. Collective.
 
     ``place`` (n_owned, 3) is where this rank's crossovers are, m; ``values`` (n_owned,) are theirs.
-    The order is the same in each state of a network.
+    The order is the same in each state of a network; those without a place, NaN, are left out.
     """
     every = int(np.ceil(np.sqrt(network.num_crossovers_global / MAP_LIMIT)))
-    taken = (network.crossover_ij % every == 0).all(axis=1)
+    taken = (network.crossover_ij % every == 0).all(axis=1) & ~np.isnan(place[:, 0])
     own = np.column_stack([network.crossover_ij, place, *values.values()])[taken]
     rows = np.concatenate(network.comm.gather(own) or [own[:0]])
     i, j = (rows[:, :2] // every).astype(np.int64).T
@@ -131,6 +131,20 @@ def sample_surface(
         dict(zip(values, rows[:, 5:].T, strict=True)),
         triangles[(triangles >= 0).all(axis=1)],
         yarns[(yarns >= 0).all(axis=1)],
+    )
+
+
+def together(surfaces: Sequence[Surface]) -> Surface:
+    """Several surfaces with the same values, of plies, as one."""
+    first = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
+    return Surface(
+        np.concatenate([surface.points for surface in surfaces]),
+        {
+            name: np.concatenate([surface.values[name] for surface in surfaces])
+            for name in surfaces[0].values
+        },
+        np.concatenate([s.triangles + n for s, n in zip(surfaces, first, strict=False)]),
+        np.concatenate([s.yarns + n for s, n in zip(surfaces, first, strict=False)]),
     )
 
 

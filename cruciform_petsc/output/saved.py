@@ -14,7 +14,7 @@ import numpy as np
 from ..case.schema import Case
 from ..drawn import Mapped, Plotted, Shown
 from ..errors import InputError
-from ..experiments.registry import forms
+from ..experiments.registry import forms, in_space
 from ..net.network import Network
 from ..quantities import data_frame
 from ..reading import read_json
@@ -95,11 +95,11 @@ class Result(Shown, Plotted, Mapped):
     def last_state(self) -> dict[str, np.ndarray]:
         """Arrays of the last state, names and units as in docs/files.md.
 
-        Of a forming the columns of fields.csv; else the points of network.vtkhdf, crossovers and
-        then arm ends: ``points_m`` (n, 3) at rest, and all that is told of points. InputError if
-        the case did not ask for that file (output.paraview).
+        Of a forming, and a fishnet, the columns of fields.csv; else the points of network.vtkhdf,
+        crossovers and then arm ends: ``points_m`` (n, 3) at rest, and all that is told of points.
+        InputError if the case did not ask for that file (output.paraview).
         """
-        if forms(self.kind):
+        if in_space(self.kind):
             return read_csv(self.folder / "fields.csv")
         import h5py
 

@@ -155,6 +155,11 @@ class Summary(Part):
     """What the cloth's data say, and what is assumed."""
     stages: list[dict[str, Any]] | None = None
     """Of a forming: name, steps, Newton steps, seconds."""
+    fishnet: dict[str, Any] | None = None
+    """Of a fishnet, or a forming that begins with one: tool, seed on the flat blank and in space,
+    how its yarns run there, energy of shear, what was sought for the least of it."""
+    shear_max_at_mm: dict[str, Vector] | None = None
+    """Of a fishnet: where it shears most, on the flat blank and in space."""
     contact: dict[str, float] | None = None
     """Of a forming: what contact was computed with, SI units in the names."""
     tool_force_n: dict[str, Vector] | None = None
@@ -168,6 +173,10 @@ class Summary(Part):
     wrinkles: dict[str, Any] | None = None
     bridging: dict[str, Any] | None = None
     """See docs/files.md."""
+    plies: list[dict[str, Any]] | None = None
+    """Of several plies: shear, wrinkles, compaction of each, and what its files' names end with."""
+    between_plies: dict[str, dict[str, float]] | None = None
+    """Of plies that touch: largest compaction, pressure, way slid."""
     symmetry: dict[str, Any] | None = None
     clamps: dict[str, Any] | None = None
     """Of a forming: what planes of symmetry and clamps hold."""

@@ -105,7 +105,10 @@ def largest(a: PETSc.Mat, s: PETSc.Mat, factor: Factor, count: int) -> tuple[np.
 
 
 def _by_subspace(a: PETSc.Mat, s: PETSc.Mat, factor: Factor, count: int) -> tuple[np.ndarray, ...]:
-    """The same by subspace iteration (Bathe 1971) with the operator S^-1 A. Collective."""
+    """The same by subspace iteration (Bathe 1971) with the operator S^-1 A + shift. Collective.
+
+    It finds what is largest in size: the shift takes ratios below zero out of the way.
+    """
     comm, size = s.comm.tompi4py(), s.getSize()[0]
     x, y = s.createVecRight(), s.createVecRight()
     begin, end = x.getOwnershipRange()
@@ -129,8 +132,9 @@ def _by_subspace(a: PETSc.Mat, s: PETSc.Mat, factor: Factor, count: int) -> tupl
         return answer
 
     values: np.ndarray = np.zeros(count)
+    shift = 0.0
     for _ in range(MOST_STEPS):
-        block = solved(times(a, block))
+        block = solved(times(a, block)) + shift * block
         block /= np.sqrt(comm.allreduce((block**2).sum(axis=1)))[:, None]
         of_a, of_s = (comm.allreduce(block @ times(m, block).T) for m in (a, s))
         # Vectors that have become the same ones are left out.
@@ -138,6 +142,7 @@ def _by_subspace(a: PETSc.Mat, s: PETSc.Mat, factor: Factor, count: int) -> tupl
         kept = basis[:, size_s > 1e-12 * size_s[-1]] / np.sqrt(size_s[size_s > 1e-12 * size_s[-1]])
         ratios, mixed = np.linalg.eigh(kept.T @ (0.5 * (of_a + of_a.T)) @ kept)
         block = (kept @ mixed).T @ block
+        shift = max(shift, -float(ratios[0]))
         before, values = values, ratios[::-1][:count]
         if len(values) == count and (abs(values - before) <= TOLERANCE * abs(values)).all():
             x.destroy()

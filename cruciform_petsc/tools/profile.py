@@ -145,6 +145,7 @@ class Profile(Surface):
         if turned and path[:, 0].min() < 0.0:
             raise InputError("a profile that is turned about z cannot have r below 0")
         self.turned, self.spine = turned, 0.5 * spine if turned else math.inf
+        self.endless = (False, not turned, False)
         size = float(np.ptp(path, axis=0).max())
         self.depth = 0.25 * size if depth is None else depth
         self.width = size if width is None else width
@@ -155,6 +156,7 @@ class Profile(Surface):
         """A sphere about the origin (turned), or a cylinder about y without ends."""
         self = cls.__new__(cls)
         self.turned, self.spine = turned, 0.0 if turned else math.inf
+        self.endless = (False, not turned, False)
         self.depth, self.width = 0.0, 4.0 * radius if width is None else width
         self.pieces = np.array([[_ARC, 0.0, 0.0, 1.0, 0.0, 1.0, radius, _ALL, 0.0]])
         self.closest_radius = (radius, math.inf)
@@ -168,6 +170,7 @@ class Profile(Surface):
         """The plane z = 0, without an end; `width` of it is drawn."""
         self = cls.__new__(cls)
         self.turned, self.spine, self.depth, self.width = False, math.inf, 0.0, width
+        self.endless = (True, True, False)
         self.pieces = np.array([[_LINE, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -math.inf, math.inf]])
         self._drawn = [np.array([-0.5 * width, 0.0]), np.array([0.5 * width, 0.0])]
         return self

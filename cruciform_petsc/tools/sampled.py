@@ -69,6 +69,7 @@ class Sampled(Surface):
         self._coefficients, self._origin, self.cell = coefficients, origin, float(cell)
         self._facets = points, triangles
         self._axis, self._towards = int(axis), float(towards)
+        self.skin_axis = self._axis
         self.closest_radius = (float(closest_radius[0]), float(closest_radius[1]))
         self.remarks = tuple(str(remark) for remark in remarks)
         self._box = np.array([points.min(axis=0), points.max(axis=0)])

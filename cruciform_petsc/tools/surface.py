@@ -28,12 +28,19 @@ class Surface(ABC):
         Distances up to this are exact, m; farther away they may be rough, and are larger than it.
     remarks : tuple of str
         What its user should know, a sentence each.
+    endless : (bool, bool, bool)
+        Along which of its axes it goes on beyond its box as it is.
+    skin_axis : int
+        Of an open skin, with walls of the program's own where it ends, the axis that the cloth lies
+        along; else -1.
     """
 
     closest_radius: tuple[float, float] = (np.inf, np.inf)
     cell: float = 0.0
     reach: float = np.inf
     remarks: tuple[str, ...] = ()
+    endless: tuple[bool, bool, bool] = (False, False, False)
+    skin_axis: int = -1
 
     @abstractmethod
     def look(self, points: np.ndarray) -> Look:

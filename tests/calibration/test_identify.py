@@ -435,6 +435,48 @@ def test_frame_of_a_case(tmp_path):
         )
 
 
+@pytest.mark.parametrize(
+    ("where", "change", "said"),
+    [
+        ("test", {"pretension": "5 N/cm"}, "test.pretension of the case is nothing that a shear"),
+        ("test", {"slip": {"force": "1 N"}}, "test.slip of the case is nothing that a shear law"),
+        ("test", {"model": "truss"}, 'test.model of the case is "truss"'),
+        (
+            "fabric",
+            {"shear_viscosity": {"viscosity": "1 N s/m"}},
+            "fabric.shear_viscosity of the case is nothing that a shear law",
+        ),
+    ],
+)
+def test_what_a_law_is_not_found_with(tmp_path, where, change, said):
+    data = {
+        "title": "frame",
+        "fabric": {"use": "glass-pp-plain-1.93"},
+        "preform": {"outline": {"rectangle": ["50 mm", "50 mm"]}, "bias_angle": "0 deg"},
+        "test": {"kind": "picture-frame", "angle": "1 deg"},
+    }
+    data[where] |= change
+    with pytest.raises(InputError, match=said):
+        calibrate_case(MPI.COMM_SELF, Case.from_data(data), "frame.csv", tmp_path, LOG)
+
+
+def test_an_elastic_law_beside_friction():
+    """Friction that is given stays beside the law: that has all of the torque but for it."""
+    modulus, torque = 20.0, 4.0
+    changes = {
+        "shear": {"modulus": f"{modulus} N/m"}, "shear_friction": {"torque": f"{torque} N/m"}
+    }  # fmt: skip
+    cloth = Fabric.from_library("glass-pp-plain-1.93", changes)
+    side = 4 / cloth.warp.yarns
+    network = Network(MPI.COMM_SELF, Preform.rectangle(side, side, 0.0), cloth)
+    angle = np.deg2rad(np.linspace(5.0, 40.0, 8))
+    diagonal = np.sqrt(2.0) * side * np.sqrt(1.0 + np.sin(angle))
+    load = (modulus * angle + torque) * diagonal / np.cos(angle)  # psi' = F cos(g)/diagonal
+    found = calibrate(network, diagonal - np.sqrt(2.0) * side, load, kind="picture-frame")
+    assert found.rms < 1e-4
+    np.testing.assert_allclose(found.law.evaluate(angle)[1], modulus * angle, rtol=1e-3)
+
+
 def test_frames_that_cannot_be():
     with pytest.raises(InputError, match="is closed at 58.57"):
         calibrate(frame(), [0.01, 0.02, 0.03, 0.07], [1.0, 2, 3, 4], kind="picture-frame")

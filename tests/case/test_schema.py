@@ -619,7 +619,7 @@ def test_bad_override(write, override):
             ["a=1", "b=1", "c=1", "d=1"],
             "; ".join(
                 f'the case file has the unknown key "{key}" '
-                "(known: title, fabric, preform, test, tool, clamp, stage, continuum, solver, "
+                "(known: title, fabric, preform, test, tool, ply, clamp, stage, continuum, solver, "
                 "output)"
                 for key in "abcd"
             ),

@@ -11,10 +11,11 @@ from cruciform_petsc.case.schema import Case
 from cruciform_petsc.case.template import new_case, write_new_case
 from cruciform_petsc.cli import main
 from cruciform_petsc.errors import InputError
-from cruciform_petsc.experiments.registry import KINDS, forms, kind_class
+from cruciform_petsc.experiments.registry import KINDS, in_space, kind_class
 from cruciform_petsc.fields import tables_in
 
 NOT_FOR_FORMING = {"scene", "measured", "measured_columns"}
+NOT_FOR_FISHNET = {*NOT_FOR_FORMING, "animation"}
 NOT_FOR_FLAT = {"part_outline"}
 SCRIPT = Path(__file__).parents[2] / "scripts" / "case_keys.py"
 
@@ -34,6 +35,7 @@ def test_suggestions_are_right(kind, tmp_path):
     """Each key that stands in a comment can be taken in, where no other one excludes it."""
     excluded = {"load": "extension", "imperfection": "space = false"}
     excluded |= dict.fromkeys(("warp", "weft", "from_datasheet"), "use")
+    excluded |= {"fishnet": "a tool below"} if kind == "inflation" else {}
     excluded |= {"release": "no [[clamp]]", "pressure": "free edges", "corners": "no pretension"}
     excluded |= {"symmetry": "a circle"} if kind == "drape" else {}
     excluded |= {"shear_viscosity": "no speed, no duration"}
@@ -73,7 +75,8 @@ def test_all_keys_are_there(kind):
             if line.removeprefix("# ").partition(" = ")[0].isidentifier()
         )
     for name, (model, keys) in told.items():
-        left_out = NOT_FOR_FORMING if forms(kind) else NOT_FOR_FLAT
+        left_out = NOT_FOR_FORMING if in_space(kind) else NOT_FOR_FLAT
+        left_out = NOT_FOR_FISHNET if kind == "fishnet" else left_out
         left_out = left_out if name == "output" else set()
         several = set if name in ("tool", "stage") else sorted
         assert several(key for key in model.keys() if key not in left_out) == several(keys)  # noqa: SIM118
@@ -81,11 +84,11 @@ def test_all_keys_are_there(kind):
     own = {"directory", "finite", *kind_class(kind).table.own_keys()}  # these are the kind's
     for table in (case.preform_table, case.continuum, case.output, case.test):
         for key, field in type(table).model_fields.items():
-            if forms(kind) and (
-                key in {*NOT_FOR_FORMING, "yarns_per_cruciform"} or table is case.continuum
+            if in_space(kind) and (
+                key in {*NOT_FOR_FISHNET, "yarns_per_cruciform"} or table is case.continuum
             ):
                 continue
-            if not forms(kind) and key in NOT_FOR_FLAT:
+            if not in_space(kind) and key in NOT_FOR_FLAT:
                 continue
             if key not in own and not field.is_required():
                 assert getattr(table, key) == field.default, key

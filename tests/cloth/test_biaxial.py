@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """[fabric] tension.surface and tension.crimp: units, files, yarn counts, mistakes in a sentence."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.biaxial import CRIMP, grid, points_of
@@ -10,12 +12,13 @@ from cruciform_petsc.case.schema import Case
 from cruciform_petsc.cloth.biaxial import points_of_file
 from cruciform_petsc.cloth.fabric import FabricTable
 
+DEMOS = Path(__file__).parents[2] / "demos"
 YARNS = {"warp": {"yarns": "4 /cm"}, "weft": {"yarns": "5 /cm"}, "shear": {"modulus": "1 N/cm"}}
 HEIGHTS = {
     "warp_height": "0.2 mm", "weft_height": "0.15 mm", "warp_stiffness": "3 kN",
     "weft_stiffness": "2.5 kN", "warp_bending": "0.001 N mm^2", "weft_bending": "0.002 N mm^2",
 }  # fmt: skip
-CRIMPED = {**HEIGHTS, "crossover_stiffness": "2000 N/mm"}
+CRIMPED = {**HEIGHTS, "crossover_stiffness": "8000 N/mm"}
 POINTS = points_of(CRIMP.law, grid(0.0, 0.02, 6)) * [100.0, 100.0, 1e-2, 1e-2]  # %, N/cm
 INLINE = {"strain": "%", "force": "N/cm", "points": POINTS.tolist()}
 TITLES = "warp strain (%), weft strain (%), warp tension (N/cm), weft tension [N/cm]"
@@ -45,6 +48,16 @@ def test_crimp():
     assert told == [
         "fabric.tension.crimp: the warp is crimped by 0.499 %, the weft by 0.18 %"
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [0.05, 0.1, 0.5, 2.0, 50.0])
+def test_tension_of_limp_crimped_cloth(size):
+    """Stretches at a pretension, where stiffness is a hundred times that at rest, or not yet."""
+    fabric = Case.load(DEMOS / "calibrate_crimp.toml").fabric()
+    for share in (1.0, 0.5, 0.0):
+        wanted = 100.0 * size * np.array([1.0, share])
+        stretch = fabric.prestretch(*wanted)
+        np.testing.assert_allclose(fabric.tensions(stretch), wanted, atol=1e-6 * wanted[0])
 
 
 @pytest.mark.parametrize("how", ["inline", "file", "per yarn", "file, one per yarn"])

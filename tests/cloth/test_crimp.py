@@ -27,7 +27,7 @@ def free_weft(law, warp):
     return weft, law.evaluate(warp, weft)[1][0]
 
 
-@pytest.mark.parametrize("contact", [linear(2e6), table([1e-5, 3e-5], [2.0, 40.0])])
+@pytest.mark.parametrize("contact", [linear(8e6), table([0.5e-5, 1.5e-5], [4.0, 80.0])])
 def test_least_energy(contact):
     """w is the least energy over both heights, found by a general minimiser."""
     crimp = replace(CRIMP, contact=contact)
@@ -39,7 +39,7 @@ def test_least_energy(contact):
         now = np.hypot(np.array(crimp.pitch) * (1.0 + strain), h)
         yarns = 0.5 * np.array(crimp.stiffness) * length * (now / length - 1.0) ** 2
         bent = 0.5 * spring * (h - crimp.height) ** 2
-        return 1e6 * float((yarns + bent).sum() + contact.evaluate(H1 + H2 - h.sum())[0])
+        return 1e6 * float((yarns + bent).sum() + contact.evaluate(0.5 * (H1 + H2 - h.sum()))[0])
 
     for strain in ([0.001, 0.0], [0.01, 0.02], [0.012, -0.002], [-0.0005, 0.003]):
         found = minimize(
@@ -47,6 +47,33 @@ def test_least_energy(contact):
         )
         w = crimp.law.evaluate(*strain)[0]
         assert w == pytest.approx(1e-6 * found.fun / (P1 * P2), rel=1e-8)
+
+
+def test_what_presses_yarns_together():
+    """Limp yarns press on each other by 2 F sin(theta), and flatten as far as their axes approach.
+
+    Of the tensions alone: F and then the heights follow from T = F cos(theta)/p.
+    """
+    crimp = replace(CRIMP, bending=LIMP, contact=linear(3e5))
+    strain = np.array([0.008, 0.004])
+    tension = crimp.law.evaluate(*strain)[1]
+    pressed, heights = [], []
+    for k, other in ((0, P2), (1, P1)):
+        along = crimp.pitch[k] * (1.0 + strain[k])
+        rest = np.hypot(crimp.pitch[k], crimp.height[k])
+
+        def misses(h, k=k, along=along, rest=rest, other=other):
+            length = np.hypot(along, h)
+            pull = crimp.stiffness[k] * (length / rest - 1.0) * along / length
+            return pull - tension[k] * other
+
+        h = brentq(misses, 0.0, H1 + H2, xtol=1e-18)
+        force = tension[k] * other * np.hypot(along, h) / along
+        pressed.append(2.0 * force * h / np.hypot(along, h))
+        heights.append(h)
+    # Heights follow from tensions to some 1e-9 of them.
+    assert pressed[0] == pytest.approx(pressed[1], rel=1e-6)
+    assert 3e5 * 0.5 * (H1 + H2 - sum(heights)) == pytest.approx(pressed[0], rel=1e-6)
 
 
 def test_crimp_interchange():

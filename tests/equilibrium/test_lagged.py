@@ -17,8 +17,8 @@ class Pushed:
     """A spring of 1 N/m pushed by 10 N less ``back`` times where it is, as that was before."""
 
     def __init__(self, back):
-        self.back, self.model, self.loose = back, SimpleNamespace(lagged=self.lagged), []
-        self.few = []
+        self.back, self.loose, self.few = back, [], []
+        self.model = SimpleNamespace(lags=True, items=[], lagged=self.lagged)
 
     @property
     def solved(self):
@@ -66,7 +66,7 @@ def test_only_the_first_round_is_loose(known):
     # What has no memory lags behind nothing.
     pushed = SimpleNamespace(
         solve=lambda guess, loose, few: Found(guess, {}, guess.x, 1, loose, 1.0, [], 0, 0, 0.0),
-        model=SimpleNamespace(lagged=lambda state: (state, 0.0, 0.0)),
+        model=SimpleNamespace(lags=False, items=[], lagged=lambda state: (state, 0.0, 0.0)),
     )
     assert settle(pushed, replace(begin, memory={})).rounds == 1
 

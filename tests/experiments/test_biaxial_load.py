@@ -50,6 +50,23 @@ def test_small_displacements():
     np.testing.assert_allclose(0.01 * curve["strain_centre_weft_percent"], expected, rtol=1e-6)
 
 
+def test_in_space():
+    """Edges stay in the plane, so that cloth that is not quite flat neither drifts nor tumbles."""
+    rigid = (replace(yarns, out_of_plane_bending=1e-3) for yarns in (CLOTH.warp, CLOTH.weft))
+    cloth = replace(CLOTH, **dict(zip(("warp", "weft"), rigid, strict=True)), thickness=1e-3)
+    network = Network(MPI.COMM_SELF, Preform.shape({"cross": ["60 mm", "20 mm"]}, "0 deg"), cloth)
+    keys = {"space": True, "imperfection": {"height": "0.1 mm"}}
+    result = BiaxialLoad(network, ["2 N/cm", "20 N/cm"], **keys).solve()
+    low, high = (abs(state.fields["displacement"][:, 2]).max() for state in result.states)
+    assert 1e-6 < low < 1e-4  # pulled flat in part, from heights of 0.1 mm
+    assert high < 1e-4
+    flat = BiaxialLoad(network, "2 N/cm").solve().curve(states=True)
+    for side in ("warp", "weft"):
+        name = f"strain_centre_{side}_percent"
+        assert result.curve(states=True)[name][0] == pytest.approx(flat[name][0], rel=1e-2)
+    BiaxialLoad(network, "2 N/cm", space=True, stability={}).solve()
+
+
 def test_under_pretension():
     """The load is all that the cloth then carries; strains are from where it is drawn."""
     strip = Preform.rectangle("50 mm", "40 mm", "0 deg")
@@ -60,6 +77,8 @@ def test_under_pretension():
     ]
     found = CLOTH.tension(stretch)[1] / np.array(test.prestretch)[::-1]
     np.testing.assert_allclose(found, [800.0, 800.0], rtol=1e-6)
+    for side in ("warp", "weft"):
+        assert curve[f"tension_centre_{side}_N_per_cm"] == pytest.approx([5.0, 8.0], rel=1e-6)
 
 
 YARN = {"yarns": "2 /cm", "yarn_bending": "0.1 N mm^2"}
@@ -114,6 +133,15 @@ def test_bad_input(outline, keys, message):
 def test_bad_crosses(outline, message):
     with pytest.raises(InputError, match=message):
         Preform.shape(outline, "0 deg")
+
+
+def test_no_speed():
+    """Tensions are prescribed, and no way that anything would move in some time."""
+    fluid = {"shear_viscosity": {"viscosity": "1 N s/m"}}
+    cloth = Fabric.from_library("glass-pp-plain-1.93", fluid)
+    network = Network(MPI.COMM_SELF, Preform.rectangle("50 mm", "40 mm", "0 deg"), cloth)
+    with pytest.raises(InputError, match='"biaxial-load" prescribes a load, at no speed'):
+        BiaxialLoad(network, "1 N/cm", speed="1 mm/s")
 
 
 def test_yarns_across():

@@ -107,16 +107,21 @@ def test_where_it_holds(kind, outline, keys, has):
 
 
 @pytest.mark.parametrize("angles", [["20 deg", "40 deg"], ["-30 deg"]], ids=["closing", "opening"])
-@pytest.mark.parametrize("bias", ["0 deg", "90 deg"])
-def test_a_frame_under_tension(angles, bias):
+@pytest.mark.parametrize(
+    ("bias", "more"),
+    [("0 deg", {}), ("90 deg", {}), ("0 deg", {"space": True})],
+    ids=["0", "90", "in space"],
+)
+def test_a_frame_under_tension(angles, bias, more):
     """Yarns have n - psi' tan(gamma), to the solver's tolerance; the load is as without tension.
 
     Of that of the cloth that is in the frame, which is smaller without tension.
     """
-    fabric = replace(CLOTH, warp=STIFF.warp, weft=replace(STIFF.weft, modulus=2e4))
-    fabric = replace(fabric, warp=replace(fabric.warp, modulus=1e4))
+    warp, weft = (replace(yarns, out_of_plane_bending=1e-3) for yarns in (STIFF.warp, STIFF.weft))
+    warp, weft = replace(warp, modulus=1e4), replace(weft, modulus=2e4)
+    fabric = replace(CLOTH, warp=warp, weft=weft)
     network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", bias), fabric)
-    test = PictureFrame(network, angles, pretension=["5 N/cm", "8 N/cm"])
+    test = PictureFrame(network, angles, pretension=["5 N/cm", "8 N/cm"], **more)
     curve = test.solve().curve(states=True)
     gamma = np.deg2rad(curve["angle_deg"])
     torque = LAW.evaluate(gamma)[1] / np.prod(test.prestretch)
@@ -148,6 +153,8 @@ def test_what_no_pretension_is():
     network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), STIFF)
     with pytest.raises(InputError, match="pretension needs finite = true"):
         PictureFrame(network, "1 deg", pretension="5 N/cm", finite=False)
+    with pytest.raises(InputError, match=r'test.pretension is not for model = "truss"'):
+        PictureFrame(network, "1 deg", pretension="5 N/cm", model="truss")
     soft = replace(STIFF, warp=replace(STIFF.warp, modulus=1e3))
     network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), soft)
     with pytest.raises(InputError, match="test.pretension: a pretension of 5 N/cm of the warp"):

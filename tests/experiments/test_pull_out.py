@@ -98,6 +98,19 @@ def test_no_region_or_no_yarns_to_slide():
     assert slid["both"].min() > 1e-4
 
 
+def test_in_space_as_in_the_plane():
+    """Flat cloth that may leave its plane and has no reason to."""
+    slip, loads = {"force": 0.03}, []
+    for space in (False, True):
+        result = BiasExtension(
+            network(BIAS), EXTENSIONS[:2], slip=slip, increments=2, space=space
+        ).solve()
+        loads.append(result.loads)
+        assert abs(result.fields["slip"]).max() > 1e-5
+    # Equilibrium is found to 1e-8 of the forces.
+    np.testing.assert_allclose(loads[1], loads[0], rtol=1e-6)
+
+
 def test_work_is_energy_and_what_friction_takes():
     """Pulled and let back: work is what is stored and spent; nothing spent is given back."""
     there = np.linspace(0.0, 0.25, 17)[1:] * 4 * DIAGONAL
@@ -125,7 +138,9 @@ def test_what_a_table_makes():
         SLIP | {"friction": 0.4, "crimp_angle": "30 deg", "yarns": "weft", "elastic_slip": "2 um"}
     )
     slip = table.build()
-    assert (slip.force, slip.coefficient) == pytest.approx((0.05, 0.2))
+    # 2 sin(30 deg): a yarn with the tension T presses on the one it crosses by 2 T sin, from both
+    # sides.
+    assert (slip.force, slip.coefficient) == pytest.approx((0.05, 0.4))
     assert (slip.families, slip.region, slip.closest) == ((False, True), None, 0.2)
     assert slip.elastic == pytest.approx(2e-6)
 

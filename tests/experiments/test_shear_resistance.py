@@ -173,6 +173,11 @@ def test_memory_is_of_hinges():
         ({"shear_friction": FRICTION}, {"finite": False}, "shear_friction needs test.finite"),
         (
             {"shear_viscosity": FLUID},
+            {"speed": 1e-3, "stability": {}},
+            "test.stability and fabric.shear_viscosity do not go together",
+        ),
+        (
+            {"shear_viscosity": FLUID},
             {"speed": 1e-3, "temperature": "200 degC"},
             "test.temperature matters with fabric.shear_viscosity.activation_energy only",
         ),

@@ -98,7 +98,7 @@ def test_published_coefficient(tmp_path):
     ("change", "message"),
     [
         (("[test]", "[[stage]]\nname = 'x'\n[test]"), 'stage is for test.kind = "forming"'),
-        (('kind = "drape"', 'kind = "drape"\ngravity = false'), "test.gravity must be True"),
+        (('kind = "drape"', 'kind = "drape"\ngravity = false'), "test.gravity must be true"),
         (
             ('kind = "drape"', 'kind = "drape"\nsupport_radius = "160 mm"'),
             "does not cover the disc",
@@ -106,6 +106,11 @@ def test_published_coefficient(tmp_path):
         (('kind = "drape"', 'kind = "drape"\nedge_radius = "50 mm"'), "less than half of"),
         (('kind = "drape"', 'kind = "drape"\nfriction = -1.0'), "test.friction must be at least 0"),
         (('kind = "drape"', 'kind = "drape"\nsupport = "1 mm"'), 'unknown key "support"'),
+        (('kind = "drape"', 'kind = "drape"\nmodel = "truss"'), "whose yarns do not bend"),
+        (
+            ("[fabric]", '[fabric]\nshear_viscosity = { viscosity = "1 N s/m" }'),
+            '^[^;]*test.kind = "drape" runs at no speed that fabric.shear_viscosity[^;]*$',
+        ),
         (("areal_density", "# areal_density"), "fabric.areal_density is missing"),
         (("out_of_plane_twisting = 1.0", "out_of_plane_twisting = -1.0"), "must be at least 0"),
     ],

@@ -6,6 +6,7 @@ import pytest
 from mpi4py import MPI
 from support.forming import formed, kept
 
+from cruciform_petsc import Network
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import EquilibriumError, InputError
 from cruciform_petsc.output.checkpoint import Checkpoint, determines
@@ -80,6 +81,19 @@ def test_pretension_of_each_family(tmp_path, poisson):
     assert abs(moved[:, :2]).max() < 1e-5 * SIDE  # springs that hold give
     fabric = forming.network.fabric
     assert fabric.tensions(forming.blank.ply.prestretch) == pytest.approx([400, 900], rel=1e-9)
+
+
+def test_weight_of_stretched_cloth(tmp_path):
+    """Areal density is that of cloth without tension, which has less area."""
+    text = case('pressure = "1 Pa"\npretension = ["4 N/cm", "9 N/cm"]\ngravity = true')
+    text = text.replace("thickness =", 'areal_density = "200 g/m^2"\nthickness =')
+    read = Case.load(written(tmp_path, text))
+    forming = read.forming(Network(COMM, read.preform(), read.fabric()))
+    (weight,) = (item for item in forming.blank.ply.further if item.name == "gravity")
+    stretch = np.prod(forming.blank.ply.prestretch)
+    assert stretch == pytest.approx(1.04 * 1.09, rel=0.01)
+    expected = 9.80665 * 0.2 * SIDE**2 / stretch
+    assert -weight.force[:, 2].sum() == pytest.approx(expected, rel=1e-6)
 
 
 def test_hyperbolic_paraboloid(tmp_path):
@@ -187,6 +201,7 @@ def test_steps_are_those_of_the_test(tmp_path, monkeypatch):
     [
         ("", "test needs a pressure, corners or both"),
         ('pressure = "1 bar"', 'test.pressure = "1 bar"'),
+        ('pressure = "1 kPa"\nfishnet = {}', "test.fishnet lays cloth on a tool, which"),
         ('pressure = "1 kPa"\npretension = "-1 N/cm"', 'zero or positive, got "-1 N/cm"'),
         (
             'pressure = "1 kPa"\npretension = ["1 N/cm", "1 N/cm", "1 N/cm"]',

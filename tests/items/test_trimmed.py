@@ -75,6 +75,23 @@ def test_gradients():
     np.testing.assert_allclose(gone[share < 1], LEFT * bare[0][share < 1])
 
 
+def test_what_is_cut_off_dissipates_as_it_acts():
+    """Friction of shear in cloth that is half gone takes half; what was spent before stays."""
+    rubs = cloth(shear_friction={"torque": "5 N/m", "slip": "0.1 deg"})
+    blank = Blank(network((25, 17), rubs, "30 deg"), [], settings=SOFT)
+    shears, rest = blank.ply.cruciforms, blank.ply.nodes.rest
+    item = Trimmed(shears, rest[:, :2], {"cut": shapely.box(-1, -1, 1e-6, 1)}, slice(4, 5))
+    start = blank.of_cloth(blank.start())
+    before = {"cruciforms": dict(start.memory["cruciforms"]) | {"spent": np.ones(len(shears.rows))}}
+    x = rest.copy()
+    x[:, 0] += 0.2 * rest[:, 1]
+    state = replace(start, x=x, memory=before, factors={"cut": 0.25})
+    bare, found = (of.accepted(state)["spent"] - 1.0 for of in (shears, item))
+    assert (bare > 0.0).all()
+    gone = rest[shears.nodes[:, 4], 0] > 1e-6
+    np.testing.assert_allclose(found / bare, np.where(gone, 0.25, 1.0), rtol=1e-6)
+
+
 def test_a_strip_springs_back():
     """A quarter, bent over a cylinder by suction, then let go: flat, its energy gone."""
     radius, pressure = 50e-3, 2e3

@@ -32,7 +32,7 @@ def exported(folder, comm=MPI.COMM_SELF, fabric=HEAVY, hold=None, **options):
     tools = [Tool("plate", shapes.plane(), 0.0)]
     net = network((150, 60), fabric, "90 deg", comm=comm, yarns_per_cruciform=2, **options)
     blank = Gripped(net, tools, shape=on_cylinder)
-    forming = SimpleNamespace(network=net, blank=blank, kind="forming")
+    forming = SimpleNamespace(network=net, blank=blank, kind="forming", suffix="")
     folder.mkdir(exist_ok=True)
     more = {} if hold is None else {"hold": hold}
     return export_formed(folder, forming, blank.start(), **more), net

@@ -37,7 +37,7 @@ def shaped(shape, size=(120, 100), comm=MPI.COMM_SELF, **options):
     """A blank in a shape, as a forming that came to it, and the state."""
     tools = [Tool("plate", shapes.plane(), 0.0)]
     blank = Gripped(network(size, comm=comm, **options), tools, shape=shape)
-    return SimpleNamespace(network=blank.network, blank=blank), blank.start()
+    return SimpleNamespace(network=blank.network, blank=blank, suffix=""), blank.start()
 
 
 @pytest.mark.parametrize("angle", ["0 deg", "30 deg"])

@@ -9,10 +9,10 @@ from support.forming import CASE, written
 
 from cruciform_petsc.case.template import new_case
 from cruciform_petsc.cli import main
-from cruciform_petsc.experiments.registry import KINDS, forms
+from cruciform_petsc.experiments.registry import KINDS, in_space
 from cruciform_petsc.output.summary_keys import OTHERS, Summary
 
-FLAT = [kind for kind in KINDS if not forms(kind)]
+FLAT = [kind for kind in KINDS if not in_space(kind)]
 
 
 def check(summary):
@@ -45,6 +45,14 @@ def test_forming(tmp_path):
     case = written(tmp_path)
     case.write_text(f"{CASE}[output]\npictures = false\n")
     assert main(["run", str(case), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    check(json.loads((tmp_path / "out" / "summary.json").read_text()))
+
+
+def test_fishnet(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(new_case("fishnet"))
+    words = ["--set", "output.pictures=false", "--output", str(tmp_path / "out"), "--quiet"]
+    assert main(["run", str(case), *words]) == 0
     check(json.loads((tmp_path / "out" / "summary.json").read_text()))
 
 

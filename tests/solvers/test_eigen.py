@@ -66,6 +66,18 @@ def test_largest(backend):
     np.testing.assert_allclose(values, wanted, rtol=1e-7)
 
 
+def test_largest_beside_many_of_the_other_sign(backend):
+    """As for cloth that stiffens in nearly all ways and softens in a few."""
+    a = symmetric(np.concatenate([np.linspace(-50.0, -10.0, SIZE - 4), [1.0, 2.0, 3.5, 5.0]]))
+    s = symmetric(np.linspace(1.0, 3.0, SIZE))
+    wanted = eigh(a, s, eigvals_only=True)[::-1][:3]
+    divided = matrix(s)
+    factor = Factor(divided)
+    values, _ = largest(matrix(a), divided, factor, 3)
+    factor.destroy()
+    np.testing.assert_allclose(values, wanted, rtol=1e-6)
+
+
 def test_of_nothing(backend):
     """No ratio but zero."""
     s = matrix(symmetric(np.linspace(1.0, 3.0, SIZE)))

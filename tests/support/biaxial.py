@@ -11,7 +11,7 @@ from cruciform_petsc.tension import BiaxialLaw
 
 # Glass yarns of some 300 tex: crimps of 0.50 and 0.18 %.
 CRIMP = Crimp(
-    (2e-3, 2.5e-3), (0.2e-3, 0.15e-3), (3000.0, 2500.0), (1e-9, 2e-9), linear(2e6)
+    (2e-3, 2.5e-3), (0.2e-3, 0.15e-3), (3000.0, 2500.0), (1e-9, 2e-9), linear(8e6)
 )  # fmt: skip
 
 
@@ -35,5 +35,5 @@ def linear_law(warp, weft, both):
 
 SURFACE = fit_surface(points_of(CRIMP.law, grid(0.0, 0.02, 6))).law
 # For large strains: a coarse weave whose yarns bend so hard that they do not snap through.
-COARSE = Crimp((1e-3, 1.2e-3), (0.4e-3, 0.3e-3), (60.0, 80.0), (1e-5, 2e-5), linear(5e4))
+COARSE = Crimp((1e-3, 1.2e-3), (0.4e-3, 0.3e-3), (60.0, 80.0), (1e-5, 2e-5), linear(2e5))
 WIDE = fit_surface(points_of(COARSE.law, grid(-0.1, 0.25, 6))).law

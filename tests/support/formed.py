@@ -64,21 +64,25 @@ def load(where, force, name="pull", factor=0.0):
 class Gripped(Blank):
     """A blank that starts in a shape, with nodes along some axes held by a grip.
 
-    The grip is one more tool, "grip", that touches nothing: held nodes move as its place does.
+    The grip is one more tool, "grip", that touches nothing: held nodes move as its place does. Of
+    several plies ``ply`` is held.
     """
 
-    def __init__(self, net, tools, *, shape=None, held=None, axes=(True, True, True), **options):
+    def __init__(
+        self, net, tools, *, shape=None, held=None, axes=(True, True, True), ply=0, **options
+    ):
         self.grip = held is not None
         if self.grip:
             far = Pose(np.array([0.0, 0.0, -1e3]))
             tools = [*tools, Tool("grip", shapes.plane(), 0.0, far)]
         super().__init__(net, tools, **options)
-        rest = self.ply.nodes.rest
+        one = self.each[ply]
+        rest = one.ply.nodes.rest
         self.shaped = self.nodes.rest.copy()
         if shape is not None:
-            self.shaped[self.cloth_at] = shape(rest)
-        at = held(rest) & self.ply.active if self.grip else np.zeros(len(rest), bool)
-        self.held, self.held_axes = self.cloth_at[at], np.array(axes)
+            self.shaped[one.cloth_at] = shape(rest)
+        at = held(rest) & one.ply.active if self.grip else np.zeros(len(rest), bool)
+        self.held, self.held_axes = one.cloth_at[at], np.array(axes)
 
     def hold(self, place, free, rotations):
         """See Blank.hold."""
@@ -140,3 +144,20 @@ def hemisphere(comm=MPI.COMM_SELF, steps=10, close=1, settings=HARD, quarter=Fal
         StagePlan("draw", {"punch": travel(0, 0, -20e-3)}, step=1 / steps),
     ]
     return blank, plans
+
+
+def two_plies(comm=MPI.COMM_SELF, steps=5, friction=0.2, depth=15e-3, angle="45 deg", **options):
+    """The small hemisphere with two plies, the upper one at an angle, and without a holder."""
+    law = {"law": "sin-potential", "coefficients": ["18.5 N/m", "46.4 N/m", "60 N/m"]}
+    fabric = cloth(bending="1 N mm", shear=law)
+    nets = [
+        network((92.0, 92.0), fabric, angle, comm, **{"yarns_per_cruciform": 2, **options})
+        for angle in ("0 deg", angle)
+    ]
+    high = Pose(np.array([0, 0, 2 * THICKNESS + 20e-3]), OVER)
+    tools = [
+        Tool("die", shapes.opening(25e-3, 5e-3, 90e-3), friction),
+        Tool("punch", shapes.sphere(20e-3, shaft=True), friction, high),
+    ]
+    blank = Blank(nets, tools, settings=HARD, names=["low", "high"], rub=[0.0, friction])
+    return blank, [StagePlan("draw", {"punch": travel(0, 0, -depth)}, step=1 / steps)]

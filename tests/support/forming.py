@@ -60,6 +60,18 @@ travel = {{ punch = ["0 mm", "0 mm", "0.2 mm"] }}
 remove = ["holder"]
 step = 0.5
 """
+# With two plies, 0/90 and +-45, and a shorter stroke.
+PLIES = """
+[[ply]]
+name = "low"
+[[ply]]
+name = "high"
+bias_angle = "45 deg"
+friction = 0.3
+"""
+TWO_PLIES = CASE.replace("[[tool]]", PLIES + "[[tool]]", 1)
+for old, new in (('"14 mm"', '"16 mm"'), ('"-6 mm"', '"-2 mm"')):
+    TWO_PLIES = TWO_PLIES.replace(old, new)
 
 
 STROKE = 6e-3
