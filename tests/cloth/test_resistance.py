@@ -46,7 +46,7 @@ def test_units_of_people():
                               "activation_energy": "1 kJ/mol"}}, "not above absolute zero"),
         ({"shear_friction": {"torque": "0 N/m"}}, "shear_friction.torque must be positive"),
         ({"shear_friction": {"torque": "1 N/m", "slip": "40 deg"}},
-         "shear_friction.slip must be from 0.001 deg to 0.5 rad, got 40 deg"),
+         "shear_friction.slip must be from 0.001 to 28.6 deg, got 40 deg"),
     ],
 )  # fmt: skip
 def test_bad_values(changes, said):

@@ -396,6 +396,20 @@ def test_check_asks_what_a_shear_table_is(caplog):
     assert "quantity" not in checked(caplog, None, fabric={"shear": points})
 
 
+def test_log_tells_heights_and_what_was_dissipated(caplog, tmp_path):
+    """Beside the energy, which is what the cloth gives back."""
+    case = made(
+        fabric={"shear_friction": {"torque": "5 N/m"}},
+        test={"extension": "2 mm", "space": True, "imperfection": {"height": "0.1 mm"}},
+        output={"pictures": False},
+    )
+    with caplog.at_level(logging.INFO):
+        summary = run_case(COMM, case, tmp_path, logging.getLogger("outcome"))
+    spent, height = summary["dissipated_in_shear_j"], summary["height_max_mm"]
+    assert f"dissipated    {1e3 * spent:.4g} mJ in shear" in caplog.messages
+    assert f"height        {height:.4g} mm out of the plane at most" in caplog.messages
+
+
 # -- compare ---------------------------------------------------------------------------------------
 
 
