@@ -19,9 +19,14 @@ from pydantic.fields import FieldInfo
 
 from cruciform_petsc import fields
 from cruciform_petsc.case import schema as case
-from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform
+from cruciform_petsc.cloth import biaxial, datasheet, fabric, preform, resistance
 from cruciform_petsc.experiments.registry import DEFAULT, KINDS, forms, kind_class
-from cruciform_petsc.experiments.table import ImperfectionTable, StabilityTable, TestTable
+from cruciform_petsc.experiments.table import (
+    ImperfectionTable,
+    SlipTable,
+    StabilityTable,
+    TestTable,
+)
 from cruciform_petsc.fields import Of, Table
 from cruciform_petsc.forming import fishnet_table as fishnet
 from cruciform_petsc.forming import plies
@@ -58,6 +63,7 @@ _SHAPES: dict[Any, str] = {
     fields.Counts: "a list of whole numbers from 1 up",
     tool.Place: "a list of 3 lengths",
     list[fields.Size]: "a list of 3 lengths",
+    list[fields.Length]: "a list of lengths",
     list[fields.Number]: "a list of 3 numbers",
     tool.Angles: "a list of 3 angles",
     tool.Curve: "a list of pairs of numbers",
@@ -90,6 +96,8 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`fabric.warp.tension`, `fabric.weft.tension`", fabric.TensionLawTable),
     ("`fabric.warp.out_of_plane_moment`, `fabric.weft.out_of_plane_moment`", fabric.MomentLawTable),
     ("`fabric.shear`", fabric.ShearTable),
+    ("`fabric.shear_viscosity`", resistance.ViscosityTable),
+    ("`fabric.shear_friction`", resistance.FrictionTable),
     ("`fabric.tension`", fabric.TensionTable),
     ("`fabric.tension.surface`", biaxial.SurfaceTable),
     ("`fabric.tension.crimp`", biaxial.CrimpTable),
@@ -99,6 +107,7 @@ _TABLES: tuple[tuple[str, type[Table]], ...] = (
     ("`preform.edges`, by name", preform.EdgeTable),
     ("`[test]`, every kind but forming, drape, inflation, fishnet", TestTable),
     ("`test.imperfection`", ImperfectionTable),
+    ("`test.slip`", SlipTable),
     ("`test.stability`", StabilityTable),
     ('`[test]`, `kind = "forming"`', forming.FormingTable),
     *(
@@ -184,6 +193,8 @@ def _in_words(annotation: Any, metadata: list[Any]) -> str:
         return _SHAPES[annotation]
     if get_origin(annotation) is Annotated:
         annotation, *metadata = get_args(annotation)
+        if annotation in _SHAPES:
+            return _SHAPES[annotation]
     for item in metadata:
         if isinstance(item, Of):
             what, example, unit = MEASURES[item.unit]

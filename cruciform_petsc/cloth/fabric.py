@@ -451,6 +451,10 @@ class Fabric(Shown):
 
         warp, weft = family(self.warp, self.warp_law), family(self.weft, self.weft_law)
         shear = modulus(self.shear_modulus, self.shear_law, "deg", math.degrees(1.0))
+        if self.shear_viscosity is not None:
+            shear += f", viscosity {self.shear_viscosity}"
+        if self.shear_friction is not None:
+            shear += f", friction {self.shear_friction}"
         if self.biaxial_law is not None:
             shear += f", tension by a {self.biaxial_law.name}"
         return f'Fabric("{self.name}", warp {warp}, weft {weft}, shear {shear})'

@@ -55,6 +55,14 @@ class ShearViscosity:
             )
         problems.tell()
 
+    def __str__(self) -> str:
+        """Its values with units."""
+        text = f"{format_si(self.viscosity, 'N*s/m')}, exponent {self.exponent:g}"
+        if self.temperature is None or self.activation_energy is None:
+            return text
+        energy = format_si(self.activation_energy, "J/mol")
+        return f"{text}, at {format_si(self.temperature, 'K')}, {energy}"
+
     def at(self, temperature: float | None) -> float:
         """Viscosity at a temperature [K], N s/m; None: at that of its measurement.
 
@@ -92,10 +100,12 @@ class ShearFriction:
             problems.append(f"fabric.shear_friction.torque must be positive, got {got}")
         if not math.radians(1e-3) <= self.slip <= 0.5:
             got = format_si(self.slip, "rad")
-            problems.append(
-                f"fabric.shear_friction.slip must be from 0.001 deg to 0.5 rad, got {got}"
-            )
+            problems.append(f"fabric.shear_friction.slip must be from 0.001 to 28.6 deg, got {got}")
         problems.tell()
+
+    def __str__(self) -> str:
+        """Its values with units."""
+        return f"{format_si(self.torque, 'N/m')} beyond {math.degrees(self.slip):.4g} deg"
 
 
 class ViscosityTable(Table):
@@ -132,7 +142,7 @@ class FrictionTable(Table):
     """Torque per area: half the width of the loop that loading and unloading make, times cos of the
     shear angle if it is drawn as shear force per length."""
     slip: Annotated[Quantity, Of("rad")] = Quantity("0.5 deg")
-    """Shear by which it gives like a spring before it slides. From 0.001 deg to 0.5 rad."""
+    """Shear by which it gives like a spring before it slides. From 0.001 to 28.6 deg."""
 
     @model_validator(mode="after")
     def _can_be(self) -> FrictionTable:

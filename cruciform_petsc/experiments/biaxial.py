@@ -128,8 +128,10 @@ class Biaxial(Experiment):
     def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
         """Tension of both families."""
         names = {"warp": "warp", "weft": f"weft, strain {self.ratio:.3g} of the warp's"}
-        strain = columns["strain_warp_percent"]
+        start = 1e-2 * self.network.fabric.tensions(self.prestretch)  # N/cm
+        strain = np.append(0.0, columns["strain_warp_percent"])
         lines = {
-            name: (strain, columns[f"tension_{side}_N_per_cm"]) for side, name in names.items()
+            name: (strain, np.append(tension, columns[f"tension_{side}_N_per_cm"]))
+            for (side, name), tension in zip(names.items(), start, strict=True)
         }
         return "tension_against_strain", (self.column.axis, "tension (N/cm)"), lines

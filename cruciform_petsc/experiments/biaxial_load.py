@@ -197,8 +197,12 @@ class BiaxialLoad(Experiment):
     def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves:
         """Tension of both families against their strain in the middle."""
         names = {"warp": "warp", "weft": f"weft, tension {self.ratio:.3g} of the warp's"}
+        start = 1e-2 * self.network.fabric.tensions(self.prestretch)  # N/cm
         lines = {
-            name: (columns[f"strain_centre_{side}_percent"], columns[f"tension_{side}_N_per_cm"])
-            for side, name in names.items()
+            name: (
+                np.append(0.0, columns[f"strain_centre_{side}_percent"]),
+                np.append(tension, columns[f"tension_{side}_N_per_cm"]),
+            )
+            for (side, name), tension in zip(names.items(), start, strict=True)
         }
         return "tension_against_strain", ("strain in the middle (%)", "tension (N/cm)"), lines

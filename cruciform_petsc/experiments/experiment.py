@@ -186,6 +186,12 @@ class Experiment:
         """Further figures for the summary. Collective."""
         return {}
 
+    @property
+    def energy_at_start(self) -> float:
+        """Strain energy of the yarns' pretension where the test begins, J."""
+        fabric, area = self.network.fabric, self.network.preform.outline.area
+        return float(fabric.tension(self.prestretch)[0] * area / np.prod(self.prestretch))
+
     def drawn_curves(self, columns: dict[str, np.ndarray]) -> DrawnCurves | None:
         """What is drawn of the curve's columns, if not the load against the control."""
         return None

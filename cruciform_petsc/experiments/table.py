@@ -35,10 +35,14 @@ def _of_both(told: Quantities) -> Quantities:
 Pretension = Annotated[Quantities, PRETENSION, AfterValidator(_of_both)]
 
 
-def prestretch(pretension: Quantities | None, fabric: Fabric) -> tuple[float, float]:
+def prestretch(
+    pretension: Quantities | None, fabric: Fabric, model: str = "coupled"
+) -> tuple[float, float]:
     """Stretches of warp and weft under a pretension of both, or of each; (1, 1) without."""
-    if pretension is None:
+    if pretension is None or not any(si_values(pretension)):
         return 1.0, 1.0
+    if model == "truss":
+        raise InputError('test.model = "truss" takes no test.pretension, leave one of them out')
     warp, weft = (si_values(pretension) * 2)[:2]
     try:
         return fabric.prestretch(warp, weft)
@@ -334,7 +338,7 @@ class TensionedTable(TestTable):
         with problems.caught():
             super().check(preform, fabric)
         with problems.caught():
-            prestretch(self.pretension, fabric)
+            prestretch(self.pretension, fabric, self.model)
         problems.tell()
 
 

@@ -106,7 +106,7 @@ class InflationTable(ArrangedTable):
             with problems.caught():
                 check_pressure(self, self.placed(preform), stages, clamps)
         with problems.caught():
-            prestretch(self.pretension, fabric)
+            prestretch(self.pretension, fabric, self.model)
         problems.tell()
 
     def _held(self) -> list[str]:

@@ -143,7 +143,8 @@ def figures(
     drawn |= curves_of(experiment, result.curve(), title, membranes, measured)
     if experiment.finite and result.network.fabric.biaxial_law is not None:
         drawn["tension_surface.png"] = _surface(result, title)
-    if experiment.has_zones:
+    shears = not experiment.finite or _shears(result.curve())
+    if experiment.has_zones and shears:
         drawn["centre_line.png"] = _centre_line(result, without, membrane, title)
     maps, uniform = _maps(result, membrane, title)
     drawn |= maps
@@ -263,10 +264,16 @@ def curves_of(
             drawn["shear_force.png"] = _shear_force(experiment, curve, title)
         drawn["energy.png"] = _energies(experiment, curve, title)
     if experiment.has_zones and experiment.finite:
-        drawn["zones.png"] = _zones(experiment, curve, title)
+        if _shears(curve):
+            drawn["zones.png"] = _zones(experiment, curve, title)
     elif experiment.has_zones:
         drawn["shear_against_load.png"] = _shear_against_load(curve, title)
     return drawn
+
+
+def _shears(curve: Mapping[str, np.ndarray]) -> bool:
+    """Whether there is more than rounding in the shear angles."""
+    return bool((np.abs(curve["shear_max_deg"]) > pictures.ROUNDING_DEG).any())
 
 
 def _loads(
@@ -381,8 +388,12 @@ def _energies(
     own = experiment.column
     control = own.scale * curve[own.column]
     column = own.sized_for(control)
-    labels = column.axis, f"{what} ({unit})"
-    return partial(pictures.stacked, control / column.scale, parts, labels, title)
+    x, along = control / column.scale, column.axis
+    if (np.diff(np.abs(x)) * np.diff(np.abs(x))[:1] < 0.0).any():  # to and fro: parts would overlap
+        x, along = np.arange(1.0, len(x) + 1.0), "increment"
+    start = {"tension": experiment.energy_at_start / joule}
+    labels = along, f"{what} ({unit})"
+    return partial(pictures.stacked, x, parts, labels, title, start=start)
 
 
 def _surface(result: TestResult, title: str) -> partial[Figure]:

@@ -20,7 +20,14 @@ from .. import __version__, process
 from ..cloth.datasheet import assumed_shear
 from ..errors import CruciformError
 from ..parallel import on_root
-from ..quantities import Quantity, angle_text, force_text, quantity, tension_text
+from ..quantities import (
+    Quantity,
+    angle_text,
+    energy_unit,
+    force_text,
+    quantity,
+    tension_text,
+)
 from ..solvers.options import blas_in_use
 from ..units import format_si
 from .folder import LOG, claim, explaining
@@ -185,13 +192,24 @@ def _state(summary: Mapping[str, Any], result: TestResult) -> Iterator[tuple[str
     found = {where: last(summary.get(key, np.nan)) for where, key in angles.items()}
     texts = [f"{angle_text(v)} {where}" for where, v in found.items() if np.isfinite(v)]
     yield "shear angle", ", ".join(texts)
+    if "height_max_mm" in summary:
+        yield "height", f"{last(summary['height_max_mm']):.4g} mm out of the plane at most"
     yield from stability_texts(summary, control)
     yield "yarn tension", tension_text(summary["yarn_tension_max"])
     energies = {mode: last(value) for mode, value in summary["energy_j"].items()}
     total = sum(energies.values())
     shares = {mode: round(100 * e / (total or 1.0), 1) + 0.0 for mode, e in energies.items()}
     texts = [f"{mode.replace('_', ' ')} {share:.1f} %" for mode, share in shares.items()]
-    yield "energy", f"{1e3 * total:.4g} mJ: {', '.join(texts)}"
+    yield "energy", f"{_energy(total)}: {', '.join(texts)}"
+    for column in ("dissipated_in_shear_J", "dissipated_in_slip_J"):
+        if column.lower() in summary:
+            name = quantity(column).name.removeprefix("dissipated ")
+            yield "dissipated", f"{_energy(last(summary[column.lower()]))} {name}"
+
+
+def _energy(joule: float) -> str:
+    unit, size = energy_unit(joule)
+    return f"{joule / size:.4g} {unit}"
 
 
 def stability_texts(summary: Mapping[str, Any], control: Quantity) -> Iterator[tuple[str, str]]:

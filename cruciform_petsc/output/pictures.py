@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -570,18 +571,19 @@ def stacked(
     labels: tuple[str, str],
     title: str = "",
     ax: Given = None,
+    start: Mapping[str, float] = MappingProxyType({}),
 ) -> Figure:
     """Draw parts (n,) of a whole, not negative, one upon the other, against x (n,).
 
-    From the origin to the largest |x|, where a test may turn back; ``labels`` of the axes. Parts
-    that are never seen, below `UNSEEN` of the whole, are left out.
+    From x = 0, where they are none or what ``start`` says, to the largest |x|; ``labels`` of the
+    axes. Parts that are never seen, below `UNSEEN` of the whole, are left out.
     """
     whole = np.sum([*parts.values()], axis=0).max()
     parts = {name: part for name, part in parts.items() if part.max() > UNSEEN * whole} or parts
     figure, (axes,) = _curve_axes([labels], title, ax=ax)
     until = 1 + int(np.abs(x).argmax())
     along = np.append(0.0, x[:until])
-    heights = [np.append(0.0, part[:until]) for part in parts.values()]
+    heights = [np.append(start.get(name, 0.0), part[:until]) for name, part in parts.items()]
     axes.stackplot(along, heights, labels=list(parts), colors=COLOURS, alpha=0.85, linewidth=0)
     axes.plot(along, np.sum(heights, axis=0), color="0.15", linewidth=1.0)
     axes.set(xlim=(min(along), max(along)), ylim=(0.0, None))

@@ -515,6 +515,10 @@ def shear(fabric: Fabric) -> str:
     words = f"Shear: {at_rest}{', linear' if law == 'linear' else f' at rest, {law}'}."
     if np.isfinite(fabric.shear.last_point):
         words += f" Its data end at {np.rad2deg(fabric.shear.last_point):.1f}°."
+    if fabric.shear_viscosity is not None:
+        words += f" Viscosity of shear: {fabric.shear_viscosity}."
+    if fabric.shear_friction is not None:
+        words += f" Friction of shear: {fabric.shear_friction}."
     return words
 
 

@@ -134,6 +134,26 @@ def test_page_is_fresh():
     assert script["PAGE"].read_text(encoding="utf-8") == script["page"]()
 
 
+def test_every_table_is_on_the_page():
+    """Those that the schema reaches, from the case or a kind of test, each below its own title."""
+    script = runpy.run_path(str(SCRIPT))
+    shown = {model for _, model in script["_TABLES"]}
+    reached = {Case, *(kind_class(kind).table for kind in KINDS)}
+    for _ in range(5):  # as deep as tables lie
+        fields = [field for model in reached for field in model.model_fields.values()]
+        reached |= {table for field in fields for table in tables_in(field.annotation)}
+    # Kinds have titles of their own; some tables differ from a shown one by what they leave out.
+    kinds = {kind_class(kind).table for kind in KINDS}
+    lacking = [
+        model.__name__
+        for model in reached - kinds
+        if not any(issubclass(other, model) or issubclass(model, other) for other in shown)
+    ]
+    assert not lacking
+    assert '`"True"`' not in script["page"]()
+    assert "`corners` | a list of lengths |" in script["page"]()
+
+
 def test_every_key_is_described():
     """The page has no empty cell."""
     page = runpy.run_path(str(SCRIPT))["page"]()

@@ -17,6 +17,7 @@ from cruciform_petsc import (
     PictureFrame,
     Preform,
 )
+from cruciform_petsc.experiments.biaxial import BiaxialTable
 from cruciform_petsc.experiments.net_kinematics import net_angle, net_load, net_torque
 from cruciform_petsc.laws import odd_polynomial
 
@@ -158,3 +159,6 @@ def test_what_no_pretension_is():
     network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), soft)
     with pytest.raises(InputError, match="test.pretension: a pretension of 5 N/cm of the warp"):
         PictureFrame(network, "1 deg", pretension="5 N/cm")
+    table = {"kind": "biaxial", "strain": "1 %", "pretension": "5 N/cm", "model": "truss"}
+    with pytest.raises(InputError, match="truss.* takes no test.pretension"):  # before it is run
+        BiaxialTable.model_validate(table).check(network.preform, STIFF)

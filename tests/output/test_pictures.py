@@ -23,6 +23,7 @@ from cruciform_petsc import (
     PictureFrame,
     Preform,
 )
+from cruciform_petsc.experiments.biaxial_load import BiaxialLoad
 from cruciform_petsc.output import figures, pictures
 from cruciform_petsc.output.sample import sample_map, sample_yarns
 
@@ -384,6 +385,53 @@ def test_parts_that_are_not_seen_are_left_out():
     assert legend_of(figure.axes[0]) == ["c", "a"]
     figure = pictures.stacked(x, {"a": 0.0 * one}, ("x", "y"))
     assert legend_of(figure.axes[0]) == ["a"]
+
+
+@pytest.mark.parametrize("strain", [["0.5 %"], ["0.5 %", "1 %"]])
+def test_under_pretension_curves_do_not_begin_at_nothing(strain):
+    """But at the pretension, and its energy: 5 N/cm twice, of yarns of 1e4 N/m, over 15 cm^2."""
+    yarns = {"modulus": "1e4 N/m", "yarns": "1 /cm", "yarn_bending": "1 N mm^2"}
+    cloth = Fabric.from_table(
+        "soft", {"warp": yarns, "weft": yarns, "shear": {"modulus": "1 N/cm"}}
+    )
+    network = Network(MPI.COMM_SELF, Preform.rectangle("30 mm", "50 mm", "0 deg"), cloth)
+    for test in (
+        Biaxial(network, strain, pretension="5 N/cm"),
+        BiaxialLoad(network, ["6 N/cm"], pretension="5 N/cm"),
+    ):
+        result = test.solve()
+        for line in drawn(result, "tension_against_strain.png").axes[0].get_lines():
+            assert line.get_xdata()[0] == 0.0
+            assert line.get_ydata()[0] == pytest.approx(5.0, rel=1e-9)
+        (total,) = drawn(result, "energy.png").axes[0].get_lines()
+        e = test.prestretch[0] - 1.0
+        assert e * 1e4 / (1.0 + e) == pytest.approx(500.0)
+        stored = 1e3 * 1e4 * e**2 * 1.5e-3 / (1.0 + e) ** 2
+        assert total.get_data()[1][0] == pytest.approx(stored, rel=1e-9)
+
+
+def test_energy_of_a_test_that_goes_to_and_fro():
+    """Over its increments, all of them: over the angle parts would lie upon each other."""
+    cloth = Fabric.from_library(
+        "glass-pp-plain-1.93",
+        {"shear": {"modulus": "1 N/cm"}, "shear_friction": {"torque": "5 N/m"}},
+    )
+    network = Network(MPI.COMM_SELF, Preform.rectangle("20 mm", "20 mm", "0 deg"), cloth)
+    result = PictureFrame(network, ["10 deg", "5 deg", "12 deg"], bending=False).solve()
+    axes = drawn(result, "energy.png").axes[0]
+    (total,) = axes.get_lines()
+    count = len(result.increments)
+    np.testing.assert_array_equal(total.get_xdata(), np.arange(count + 1))
+    assert labels_of(axes) == ("increment", "energy (mJ)")
+
+
+def test_shear_that_is_rounding_is_not_drawn():
+    """A strip along its yarns has zones, but does not shear."""
+    cloth = Fabric.from_library("glass-pp-plain-1.93")
+    network = Network(MPI.COMM_SELF, Preform.rectangle("20 mm", "60 mm", "0 deg"), cloth)
+    result = OffAxisTension(network, "0.1 mm").solve()
+    assert result.experiment.has_zones
+    assert not {"zones.png", "centre_line.png"} & set(figures.figures(result)[0])
 
 
 def test_curves_that_agree_are_both_seen():

@@ -147,6 +147,17 @@ def test_page_says_what_of_a_library_fabric_was_changed(report):
     assert "Changed" not in report.text()
 
 
+def test_page_tells_what_else_resists_shear():
+    """Viscosity and friction, as the log does in the fabric's own words."""
+    fluid = {"viscosity": "200 N s/m", "temperature": "200 degC", "activation_energy": "40 kJ/mol"}
+    changed = made(
+        fabric={"shear_viscosity": fluid, "shear_friction": {"torque": "5 N/m", "slip": "1 deg"}}
+    )
+    for text in (fabric(changed)["text"], repr(changed.fabric())):
+        assert "200 N s/m, exponent 1, at 200 degC, 40 kJ/mol" in text
+        assert "0.05 N/cm beyond 1 deg" in text
+
+
 def test_page_has_the_figures_of_the_summary(report, summary):
     shown = report.values
     energy = sum(values[-1] for values in summary["energy_j"].values())
@@ -210,7 +221,7 @@ def test_every_other_kind(tmp_path, kind):
     words = {
         "picture-frame": ("shear force (N/mm)", "Tension: uniform, warp 0 N per yarn"),
         "biaxial": (
-            "tension warp (N/cm)", "weft force", "warp force (N)",
+            "warp tension (N/cm)", "weft force", "warp force (N)",
             "Shear angle: uniform, 0\N{DEGREE SIGN}.", "coloured by tension",
         ),
         "cantilever": ("deflection across (mm)", "tip deflection", "load (mN)", "load 2 mN"),
