@@ -35,7 +35,7 @@ FINITE = {
     "pantograph": ("load_n", 70.61755),
     "picture_frame": ("load_n", 6.849837),
     "picture_frame_cycle": ("load_n", 9.209219),
-    "prepreg_frame": ("load_n", 10.534952),
+    "prepreg_frame": ("load_n", 10.478631),
     "pull_out": ("load_n", 0.15852950),
     "sin_potential": ("load_n", 11.20169),
 }
