@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -150,3 +150,12 @@ def chromium() -> Iterator[Browser]:
         finally:
             browser.process.terminate()
             browser.process.wait()
+
+
+def main(check: Callable[[Browser, Path, Path | None], None], usage: str | None) -> None:
+    """Check what the command line names, and make a screenshot if it names a file for it."""
+    arguments = sys.argv[1:]
+    if not 1 <= len(arguments) <= 2:
+        sys.exit(usage)
+    with chromium() as browser:
+        check(browser, Path(arguments[0]), Path(arguments[1]) if arguments[1:] else None)

@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from browser import Browser, chromium
+from browser import Browser, main
 
 SEARCHED, FOUND = "picture frame", "Cases, flat tests, commands"
 SHOWN = "getComputedStyle(document.body).backgroundColor"
@@ -51,13 +51,5 @@ def check(browser: Browser, site: Path, screenshot: Path | None) -> None:
     print(f"{site}: {len(pages)} pages opened, dark and light, searched")
 
 
-def main(arguments: list[str]) -> None:
-    """Check the site of the command line."""
-    if not 1 <= len(arguments) <= 2:
-        sys.exit(__doc__)
-    with chromium() as browser:
-        check(browser, Path(arguments[0]), Path(arguments[1]) if arguments[1:] else None)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(check, __doc__)

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from browser import Browser, chromium
+from browser import Browser, main
 
 
 def check(browser: Browser, page: Path, screenshot: Path | None) -> None:
@@ -74,13 +74,5 @@ def check(browser: Browser, page: Path, screenshot: Path | None) -> None:
     print(f"{page}: {fields} fields and {tools} tools, turned, coloured and played")
 
 
-def main(arguments: list[str]) -> None:
-    """Check the page of the command line."""
-    if not 1 <= len(arguments) <= 2:
-        sys.exit(__doc__)
-    with chromium() as browser:
-        check(browser, Path(arguments[0]), Path(arguments[1]) if arguments[1:] else None)
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(check, __doc__)

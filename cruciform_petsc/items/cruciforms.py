@@ -130,9 +130,10 @@ class Cruciforms(Item):
 
     def _memory(self, state: Placed) -> dict[str, np.ndarray]:
         """What is remembered at a state; before the first accepted one, of cloth at rest."""
+        if memory := state.memory.get(self.name):
+            return dict(memory)
         size, none = len(self.rows), np.zeros((len(self.rows), 4))
-        rest = {"angle": none, "anchor": none, "time": np.zeros(size), "spent": np.zeros(size)}
-        return rest | dict(state.memory.get(self.name, {}))
+        return {"angle": none, "anchor": none, "time": np.zeros(size), "spent": np.zeros(size)}
 
     def _resistance(
         self, state: Placed, rows: slice = slice(None)

@@ -2,11 +2,14 @@
 """Fishnet as a kind of test: results, what ends it early, mistakes in a case; in Python, too."""
 
 import json
+from functools import partial
 
 import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support import laid
+from support.laid import made
 
 from cruciform_petsc import Result
 from cruciform_petsc.case.schema import Case
@@ -41,19 +44,7 @@ report = true
 """
 
 
-def written(folder, *changes):
-    text = CASE
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    path = folder / "case.toml"
-    path.write_text(text)
-    return path
-
-
-def made(path):
-    case = Case.load(path)
-    return case.forming(Network(COMM, case.preform(), case.fabric()))
+written = partial(laid.written, text=CASE)
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,8 @@ from mpi4py import MPI
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.net.network import Network
 
+from . import forming
+
 COMM = MPI.COMM_SELF
 YARN = (
     '{ modulus = "520 N/cm", poisson = 0, yarns = "2.4 /cm", yarn_bending = "0.6 N mm^2", '
@@ -42,14 +44,9 @@ pictures = false
 """
 
 
-def written(folder, *changes):
-    text = CASE
-    for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    path = folder / "case.toml"
-    path.write_text(text)
-    return path
+def written(folder, *changes, text=CASE):
+    """The case as a file, see support.forming."""
+    return forming.written(folder, *changes, text=text)
 
 
 def made(path):
