@@ -81,12 +81,12 @@ class Stop(Exception):
     """What kills a forming."""
 
 
-def written(folder, *changes, text=CASE):
+def written(folder, *changes, text=CASE, name="cup.toml"):
     """The case as a file, with pieces of text replaced: (old, new), ..."""
     for old, new in changes:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    path = folder / "cup.toml"
+    path = folder / name
     path.write_text(text)
     return path
 

@@ -46,7 +46,7 @@ pictures = false
 
 def written(folder, *changes, text=CASE):
     """The case as a file, see support.forming."""
-    return forming.written(folder, *changes, text=text)
+    return forming.written(folder, *changes, text=text, name="case.toml")
 
 
 def made(path):
