@@ -43,6 +43,8 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
                 linear_iterations=sum(found.linear_iterations for found in rounds),
                 seconds=sum(found.seconds for found in rounds),
                 rounds=len(rounds),
+                factorisations=sum(found.factorisations for found in rounds),
+                evaluations=sum(found.evaluations for found in rounds),
             )
     history = [force for found in rounds for force in found.history]
     raise EquilibriumError(
