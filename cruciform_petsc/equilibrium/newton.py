@@ -23,6 +23,7 @@ from ..solvers.failures import check_factor
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .mending import Mending, is_definite
 from .model import Model
+from .reuse import NEAR, go_on, is_reusable
 from .search import step_length
 from .state import Found, State
 from .tangents import fitting, prepare, tangent_settings
@@ -66,7 +67,8 @@ class Equilibrium:
         No unknown changes by more in a Newton step, m.
     foretell : bool
         Tangents foresee tensions that turning yarns get (see Item.work), and the energy may rise
-        for a few steps. Where contact and friction switch the energy has to fall.
+        for a few steps. Else, as where contact and friction switch, the energy has to fall, and
+        factors are used again near equilibrium.
     """
 
     def __init__(
@@ -92,7 +94,7 @@ class Equilibrium:
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
         self._mending, self._shifted, self._evaluations = Mending(), 0, 0
-        self._loose, self._few = 1.0, np.inf
+        self._loose, self._few, self._reusable = 1.0, np.inf, False
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
         self.snes = PETSc.SNES().create(model.comm)
@@ -192,7 +194,30 @@ class Equilibrium:
             self._shifted += 1
             slope = self._mending.mend(self.snes.ksp, self._matrix, gradient, step)
         gradient.destroy()
+        self._reusable = not self.foretell and is_reusable(self.snes.ksp)
         step.scale(self._length(vector, step, here.energy, slope))
+        there = vector.duplicate()
+        there.waxpy(-1.0, step, vector)
+        self._go_on(there)
+        step.waxpy(-1.0, there, vector)
+        there.destroy()
+
+    def _go_on(self, vector: PETSc.Vec) -> None:
+        """Improve a vector with the factor at hand, if there is one for that."""
+        if not self._reusable:
+            return
+
+        seen: list[_Evaluated] = []
+
+        def at(trial: PETSc.Vec) -> tuple[float, np.ndarray]:
+            seen.append(self._evaluate(trial))
+            return seen[-1].energy, seen[-1].gradient
+
+        noise, tolerance = self._noise(at(vector)[0]), self._tolerance()
+        seen.clear()
+        end, longest = self._loose * tolerance, self.longest_step
+        taken = go_on(self.snes.ksp, at, vector, end, NEAR * tolerance, longest, noise)
+        self._last = seen[taken]
 
     def _length(self, vector, step, energy: float, slope: float) -> float:
         """How much of the step to take."""
@@ -206,12 +231,16 @@ class Equilibrium:
 
         first = min(1.0, self.longest_step / max(step.norm(PETSc.NormType.INFINITY), 1e-300))
         self._recent = [*self._recent[-MEMORY:], energy]
-        # Near equilibrium differences of energies are rounding; then the slope alone tells.
-        noise = 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
+        noise = self._noise(energy)  # there the slope alone tells
         highest = max(self._recent) if self.foretell else None
         length = step_length(at, energy, slope, first, noise, highest)
         trial.destroy()
         return length
+
+    def _noise(self, energy: float) -> float:
+        """Near equilibrium differences of energies are rounding."""
+        model = self.model
+        return 1e-13 * (abs(energy) + model.stiffness_scale * model.extent**2 * 1e-8)
 
     # -- steps ------------------------------------------------------------------------------------
 
@@ -222,7 +251,7 @@ class Equilibrium:
 
         Raises EquilibriumError on every rank.
         """
-        begin = time.perf_counter()
+        begin, model = time.perf_counter(), self.model
         self._start, self._last, self._before = guess, None, None
         self._loose, self._few = loose, few
         self._history, self._recent, self._shifted = [], [], 0
@@ -230,7 +259,9 @@ class Equilibrium:
         self._vector.set(0.0)
         try:
             with self._options(), calling_back(self.snes):
-                self._matrix = fitting(self.snes, self._matrix, self.model, guess)
+                before, self._matrix = self._matrix, fitting(self.snes, self._matrix, model, guess)
+                self._reusable = self._reusable and before is self._matrix
+                self._go_on(self._vector)
                 self.snes.solve(None, self._vector)
         except SolverError as error:
             raise self._failed(error) from error
@@ -239,7 +270,7 @@ class Equilibrium:
             name = reason_name(reason, PETSc.SNES)
             raise EquilibriumError("no equilibrium found", name, self._history, *self._worst())
         end = self._evaluate(self._vector)
-        broken = self.model.broken(end.state)
+        broken = model.broken(end.state)
         if broken is not None:
             place, name, what = broken
             raise EquilibriumError(what, name, self._history, place)
@@ -294,6 +325,7 @@ class Equilibrium:
                 self.snes.ksp.setOperators(self._matrix)
                 self.snes.setUp()
                 self.snes.ksp.solve(right, answer)
+                self._reusable = not self.foretell and is_reusable(self.snes.ksp)
         except SolverError as error:
             raise self._failed(error) from error
         if self.snes.ksp.getConvergedReason() < 0 and not np.isfinite(answer.norm()):
