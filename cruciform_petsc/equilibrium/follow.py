@@ -164,10 +164,10 @@ def foreseen(equilibrium: Equilibrium, last: State, guess: State) -> State:
     model = equilibrium.model
     there = replace(last, time=guess.time, factors=guess.factors)
     moved, _ = equilibrium.tangent_step(there, guess.x - last.x, out_of_balance=True)
+    # Where the tangent is nearly singular the answer is much too long, but often of the right kind.
     limit = max(equilibrium.longest_step, _farthest(model, guess.x - last.x))
-    if _farthest(model, moved) > limit:
-        return model.carried(last, guess)
-    along = there.moved(moved).at(guess.hold, guess.time, guess.factors)
+    share = min(1.0, limit / max(_farthest(model, moved), 1e-300))
+    along = there.moved(share * moved).at(guess.hold, guess.time, guess.factors)
     guess = model.carried(last, guess)
     energy, other = (sum(model.energies(state).values()) for state in (guess, along))
     return along if other < energy else guess
