@@ -54,6 +54,7 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
     measured = _check_comparison(comm, case)
     log.info("%s", case.title)
+    _tell_model(case, log)
     for sentence in check_work(comm, case):
         log.info("%s%s", INDENT, sentence)
     networks, _ = _make_networks(comm, case, Stages(log))
@@ -92,6 +93,12 @@ def run_case(
         simplefilter("ignore", InputWarning)  # the log and the summary tell it
         with logs.kept(comm, directory, log, more=checkpoint is not None) as keep_log:
             return kind(comm, case, directory, log, checkpoint, keep_log).run()
+
+
+def _tell_model(case: Case, log: logging.Logger) -> None:
+    """What else than cruciforms the cloth is made of."""
+    if getattr(case.test, "model", "") == "truss":
+        log.info('%smodel "truss": pin-jointed bars with soft diagonals, no cruciforms', INDENT)
 
 
 def _size(case: Case) -> str:
@@ -209,6 +216,7 @@ class _Run:
         check_work(self.comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, self.comm.size)
+        _tell_model(case, log)
         network, statistics = _make_network(self.comm, case, self.stages)
         experiment = case.experiment(network)
         self.summary["warnings"] = experiment.remarks
@@ -441,6 +449,7 @@ class _FormingRun(_Run):
         check_work(comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, comm.size)
+        _tell_model(case, log)
         networks, statistics = _make_networks(comm, case, self.stages)
         with self.stages.stage("set_up", "tools and blank set up"):
             forming = case.forming(networks)
