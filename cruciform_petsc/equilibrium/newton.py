@@ -23,7 +23,7 @@ from ..solvers.failures import check_factor
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .mending import Mending, is_definite
 from .model import Model
-from .reuse import NEAR, go_on, is_reusable
+from .reuse import FINER, NEAR, go_on, is_reusable
 from .search import step_length
 from .state import Found, State
 from .tangents import fitting, prepare, tangent_settings
@@ -215,7 +215,7 @@ class Equilibrium:
 
         noise, tolerance = self._noise(at(vector)[0]), self._tolerance()
         seen.clear()
-        end, longest = self._loose * tolerance, self.longest_step
+        end, longest = FINER * self._loose * tolerance, self.longest_step
         taken = go_on(self.snes.ksp, at, vector, end, NEAR * tolerance, longest, noise)
         self._last = seen[taken]
 
