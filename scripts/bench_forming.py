@@ -142,7 +142,8 @@ def measure(name: str, run: Run, table: Table, base: dict | None, verbose: bool)
                 f"  {i.control:.4f}: {i.rounds} rounds, {i.iterations} Newton steps, "
                 f"{i.shifted} indefinite, {i.factorisations} factorisations, "
                 f"{i.evaluations} evaluations, {i.cuts} cuts, "
-                f"punch {step.tool_force['punch'][2]:.3f} N, shear {np.degrees(i.shear_max):.2f} deg, {i.seconds:.1f} s",
+                f"punch {step.tool_force['punch'][2]:.3f} N, "
+                f"shear {np.degrees(i.shear_max):.2f} deg, {i.seconds:.1f} s",
                 file=sys.stderr,
                 flush=True,
             )
