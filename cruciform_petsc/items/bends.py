@@ -48,8 +48,9 @@ class Bends(Item):
         """See Item.work."""
         place = state.x[self.nodes[rows]]
         beside = np.flatnonzero(self._at_plane[rows])
-        whole = self._whole(rows, beside)
-        place[beside] = np.einsum("mpiqj,mqj->mpi", whole, place[beside])
+        if len(beside):
+            whole = self._whole(rows, beside)
+            place[beside] = np.einsum("mpiqj,mqj->mpi", whole, place[beside])
         at = np.flatnonzero((self._clamp[rows] >= 0) & ~self._mirrored[rows])
         if len(at):
             turn = turns(state)[self._clamp[rows][at]]
@@ -58,9 +59,9 @@ class Bends(Item):
             place, self.length[rows], self.in_plane[rows], self.out_of_plane[rows], level,
             moment=self._moment, family=self._family[rows],
         )  # fmt: skip
-        if level >= FORCE:
+        if len(beside) and level >= FORCE:
             force[beside] = np.einsum("mpiqj,mpi->mqj", whole, force[beside])
-        if level >= STIFFNESS:
+        if len(beside) and level >= STIFFNESS:
             stiffness[beside] = np.einsum(
                 "mpiqj,mpirk,mrksl->mqjsl", whole, stiffness[beside], whole, optimize=True
             )

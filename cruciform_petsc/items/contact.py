@@ -22,13 +22,14 @@ creep.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from copy import copy
 from typing import Protocol
 
 import numpy as np
 
-from ..elements.level import FORCE, STIFFNESS, room
+from ..elements.level import FORCE, room
+from ..elements.rigid import nearby, press
 from .item import Item, Placed, Work
 
 CHUNK = 16384
@@ -36,6 +37,9 @@ CHUNK = 16384
 
 class Surface(Protocol):
     """What contact knows of a tool, see tools."""
+
+    cell: float
+    reach: float
 
     def look(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distance (n,), its gradient (n, 3) and Hessian (n, 3, 3) at points in its frame."""
@@ -87,12 +91,16 @@ class Contact(Item):
         self.area, self.offset = area, np.broadcast_to(offset, len(self.nodes))
         self.stiffness, self.width, self.friction, self.slip = stiffness, width, friction, slip
         self._of = slice(None)
+        # Where nodes were looked at, and how far they may move without being looked at again.
+        self._seen: np.ndarray = np.zeros((len(self.nodes), 3))
+        self._room: np.ndarray = np.zeros(len(self.nodes))
 
     def of(self, rows: slice) -> Contact:
         """Some of its nodes, to look at their `fields`; what is remembered is of all."""
-        part = copy(self)
+        part: Contact = copy(self)
         part.nodes, part.area, part.offset = self.nodes[rows], self.area[rows], self.offset[rows]
         part._of = rows
+        part._seen, part._room = self._seen[rows].copy(), self._room[rows].copy()
         return part
 
     def chunks(self) -> Iterator[slice]:
@@ -113,47 +121,37 @@ class Contact(Item):
 
     def work(self, state: Placed, level: int, rows=slice(None), before=None) -> Work:
         """See Item.work."""
-        y, area, memory = self.local(state, rows), self.area[rows], state.memory.get(self.name, {})
-        energy, force, stiffness = room(len(y), 2, 2, 3, level)
-        d, n, curvature = self.surface.look(y)
-        depth = self.offset[rows] - d
-        at = np.flatnonzero(depth > 0.0)
-        e, q, k = self._compacted(state, depth[at])
-        energy[:] = 0.0
-        energy[at, 0] = area[at] * e
-        f, h = np.zeros((len(y), 3)), np.zeros((len(y), 3, 3) if level >= STIFFNESS else 0)
-        if level >= FORCE:
-            n, pull = n[at], area[at] * q
-            f[at] = -pull[:, None] * n
-        if level >= STIFFNESS:
-            h[at] = (area[at] * k)[:, None, None] * n[:, :, None] * n[:, None, :]
-            h[at] -= pull[:, None, None] * curvature[at]
-        if self.friction and memory:
-            self._rub(y, {key: value[rows] for key, value in memory.items()}, level, energy, f, h)
-        if level >= FORCE:
-            force[:, 0] = f @ self.turn(state).T
-            force[:, 1] = -force[:, 0]
-        if level >= STIFFNESS:
-            r = self.turn(state)
-            block = r @ h @ r.T
-            stiffness[:, 0, :, 0], stiffness[:, 1, :, 1] = block, block
-            stiffness[:, 0, :, 1], stiffness[:, 1, :, 0] = -block, -block
+        nodes, turn, memory = self.nodes[rows], self.turn(state), state.memory.get(self.name, {})
+        energy, force, stiffness = room(len(nodes), 2, 2, 3, level)
+        y, number = np.empty((len(nodes), 3)), np.empty(len(nodes), np.int64)
+        seen, free = self._seen[rows], self._room[rows]
+        near = number[: nearby(state.x, nodes, turn, seen, free, y, number)]
+        look = self.surface.look(y[near])
+        seen[near], free[near] = y[near], self._free(look[0], self.offset[rows][near])
+        rubs = self.friction > 0.0 and len(memory) > 0
+        pressed, anchor, normal = (
+            memory[key][rows] if rubs else np.zeros(shape)
+            for key, shape in (("pressed", 0), ("anchor", (0, 3)), ("normal", (0, 3)))
+        )
+        press(
+            y, turn, near, *look, self.area[rows], self.offset[rows],
+            self.stiffness * state.factors.get(self.name, 1.0), self.width,
+            pressed, anchor, normal, self.friction, self.slip, level, energy, force, stiffness,
+        )  # fmt: skip
         return energy, force, stiffness
+
+    def _free(self, distance: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """How far nodes can move, whichever way, before they may touch, m; 0 of those that do.
+
+        Distances never grow faster than the way. Those to a surface that is known on a grid are not
+        that exact, and not known beyond its reach.
+        """
+        gap = np.minimum(distance, self.surface.reach) - offset - 2.0 * self.surface.cell
+        return np.maximum((0.5 if self.surface.cell else 0.999) * gap, 0.0)
 
     def _compacted(self, state: Placed, depth: np.ndarray):
         """See compaction, at depths (n,) in the tool, which may be on its way out."""
         return compaction(depth, self.stiffness * state.factors.get(self.name, 1.0), self.width)
-
-    def _rub(self, y, memory: Mapping[str, np.ndarray], level, energy, f, h) -> None:
-        """Add friction to energy (m, 2), force (m, 3) and stiffness (m, 3, 3), in place."""
-        at = np.flatnonzero(memory["pressed"] > 0.0)
-        n, limit = memory["normal"][at], self.friction * memory["pressed"][at]
-        gap = y[at] - memory["anchor"][at]
-        energy[at, 1], pull, plane = rubbed(gap, n, limit, self.slip, level)
-        if level >= FORCE:
-            f[at] += pull
-        if level >= STIFFNESS:
-            h[at] += plane
 
     # -- memory ------------------------------------------------------------------------------------
 
@@ -220,29 +218,6 @@ class Contact(Item):
             force = -self.work(state, FORCE, rows)[1][:, 0]  # the energy's gradient points back
             moment += np.cross(arm, force).sum(axis=0)
         return moment
-
-
-def rubbed(gap: np.ndarray, normal: np.ndarray, limit: np.ndarray, slip: float, level: int):
-    """Friction's energy (n,), force (n, 3) and stiffness (n, 3, 3): see the module's text.
-
-    Gaps (n, 3) to the anchors count across normals (n, 3); ``limit`` (n,) is mu N, ``slip`` s_0.
-    """
-    gap, s = along(gap, normal)
-    r = s / slip
-    energy = limit * slip * np.where(r < 1, r**2 - r**3 / 3, r - 1 / 3)
-    none = np.zeros((0, 3))
-    if level < FORCE:
-        return energy, none, none
-    # psi'/s, finite where s is zero
-    per_s = np.where(r < 1, 2.0 - r, 1.0 / np.maximum(r, 1.0)) / slip * limit
-    force = per_s[:, None] * gap
-    if level < STIFFNESS:
-        return energy, force, none
-    second = limit * np.where(r < 1, 2.0 - 2.0 * r, 0.0) / slip
-    way = gap / np.maximum(s, 1e-300)[:, None]
-    stiffness = per_s[:, None, None] * (np.eye(3) - normal[:, :, None] * normal[:, None, :])
-    stiffness += (second - per_s)[:, None, None] * way[:, :, None] * way[:, None, :]
-    return energy, force, stiffness
 
 
 def along(gap: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

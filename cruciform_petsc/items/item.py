@@ -38,7 +38,7 @@ class Placed(Protocol):
 
 
 # Elements worked on at a time: their matrices stay in the processor's cache until they are added.
-CHUNK = 2048
+CHUNK = 1024
 Work = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 

@@ -23,9 +23,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..elements.level import FORCE, STIFFNESS
+from ..elements.rigid import rubbed
 from ..elements.touch import closest, shares, touch
 from ..net.patches import Patches
-from .contact import along, compaction, rubbed
+from .contact import along, compaction
 from .item import Item, Placed, Work
 from .nodes import PlyNodes
 

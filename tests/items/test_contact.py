@@ -25,6 +25,8 @@ from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.net.joined import JoinedNodes, ToolNodes
 from cruciform_petsc.net.network import Network
 from cruciform_petsc.tools import shapes
+from cruciform_petsc.tools.sampled import height_field
+from cruciform_petsc.tools.sector import Sector
 
 THICKNESS, STIFFNESS_K, WIDTH, SLIP = 1e-3, 2e7, 2e-4, 1e-5
 YARN = {
@@ -105,6 +107,54 @@ def test_contact_and_friction_by_differences(slipped):
         slope = (ahead - behind) / (2 * step)
         size = np.linalg.norm(force) * radius
         assert contact.moment(state) @ axis == pytest.approx(-slope, abs=1e-5 * size)
+
+
+class Counted:
+    """A surface that counts the points it is asked for."""
+
+    def __init__(self, surface):
+        self.surface, self.asked = surface, 0
+        self.cell, self.reach = surface.cell, surface.reach
+
+    def look(self, points):
+        """See Surface.look."""
+        self.asked += len(points)
+        return self.surface.look(points)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: shapes.sphere(0.03),
+        lambda: shapes.opening(0.03, 5e-3, 0.1),
+        lambda: Sector(0.02, 0.05, -0.5, 1.0, 2e-3),
+        lambda: height_field(
+            lambda x, y: 0.01 * np.cos(80 * x), np.linspace(-0.05, 0.05, 41), [-0.05, 0.05], 1e-3
+        ),
+    ],
+    ids=["sphere", "opening", "sector", "grid"],
+)
+def test_nodes_that_cannot_have_come_to_touch_are_not_looked_at(make):
+    """On a random way, in and out: as if all were looked at anew, to the last digit; NaN shows."""
+    rng = np.random.default_rng(3)
+    n, surface = 300, Counted(make())
+    arguments = n, np.full(n, 1e-5), THICKNESS / 2, STIFFNESS_K, WIDTH, 0.0, SLIP
+    contact = Contact("tool", surface, np.arange(n), *arguments)
+    x = np.vstack([rng.uniform([-0.05, -0.05, -0.01], [0.05, 0.05, 0.04], (n, 3)), np.zeros(3)])
+    touched, hold = np.zeros(n, bool), SimpleNamespace(rotations={"tool": rotation(0.4, (3, 1, 2))})
+    for step in range(60):
+        x += rng.normal(size=3) * 1e-3 + rng.normal(size=x.shape) * 2e-4
+        state = SimpleNamespace(x=x, hold=hold, factors={}, memory={})
+        fresh = Contact("tool", surface.surface, np.arange(n), *arguments)
+        for rows in (slice(0, 100), slice(100, n)):
+            found = contact.work(state, step % 3, rows)
+            for one, other in zip(found, fresh.work(state, step % 3, rows), strict=True):
+                np.testing.assert_array_equal(one, other)
+            touched[rows] |= found[0][:, 0] > 0.0
+    assert touched.sum() > 10
+    assert surface.asked < 0.7 * 60 * n or surface.reach < 0.01  # a grid's, which is short
+    x[7] = np.nan
+    assert np.isnan(contact.work(state, ENERGY)[0][7, 0])
 
 
 def test_the_way_slid_adds_up():
