@@ -413,7 +413,7 @@ def script_of(document, heading, folder, ranks):
 
 
 def test_ten_lines_of_python(tmp_path):
-    assert script_of(README, "Ten lines of Python", tmp_path, 2).count("Comparison(") == 2
+    assert script_of(README, "Ten lines of Python", tmp_path, 1).count("Comparison(") == 1
     assert (tmp_path / "bias.png").exists()
     assert (tmp_path / "bias.vtkhdf").stat().st_size > 10_000
 
