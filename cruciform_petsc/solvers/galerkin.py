@@ -108,6 +108,9 @@ def _compress(fields, which, component, point, number, row, stencils, pointer, c
                 for b in range(5):
                     # In the order of the numbers: along the lines of the component.
                     di, dj = (a, b) if c == 1 else (b, a)
+                    # Points that only ghosts know of may lie at the window's rim.
+                    if not (0 <= i + di < row.shape[1] and 0 <= j + dj < row.shape[2]):
+                        continue
                     other = row[c, i + di, j + dj]
                     if other < 0:
                         continue

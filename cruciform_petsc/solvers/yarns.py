@@ -402,13 +402,13 @@ class _Family:
         _factor(n, inside, column, value, parent, start, factor_column, factor, inverse)
         self.rows = inner_rows.astype(_INDEX)
         if d == 3:
-            blocks = np.zeros(len(nodes) + 1, _INDEX)
+            pointer = np.zeros(len(nodes) + 1, _INDEX)
             block_column: np.ndarray = np.empty(outer[n], _INDEX)
             block_value: np.ndarray = np.empty(9 * outer[n], _REAL)
             size = _threes(
-                len(nodes), outer, outer_column, outer_value, blocks, block_column, block_value
+                len(nodes), outer, outer_column, outer_value, pointer, block_column, block_value
             )
-            self.outer = blocks, block_column[:size].copy(), block_value[: 9 * size].copy()
+            self.outer = pointer, block_column[:size].copy(), block_value[: 9 * size].copy()
         else:
             self.outer = outer[: n + 1].astype(_INDEX), outer_column.astype(_INDEX), outer_value
         self.factor = (
