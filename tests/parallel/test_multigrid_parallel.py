@@ -101,7 +101,8 @@ def test_agrees_with_direct_solution_in_few_iterations(outline, angle, bending):
     difference = abs(result.fields["displacement"] - direct.fields["displacement"]).max(initial=0.0)
     # Residual 1e-8 times a condition number whose smooth part is some hundreds.
     assert COMM.allreduce(float(difference), MPI.MAX) < 1e-5 * 3e-3
-    assert result.load == pytest.approx(direct.load, rel=1e-7)
+    # The same for the load: 6e-7 on three ranks, 4e-8 with a residual of 1e-9, 8e-10 with 1e-10.
+    assert result.load == pytest.approx(direct.load, rel=1e-6)
 
 
 @pytest.mark.parametrize("bending", [True, False])
