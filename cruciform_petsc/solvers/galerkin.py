@@ -2,7 +2,8 @@
 """Coarse matrices P^T A P on lattices.
 
 PETSc's product takes as long as eighty products with A, since it knows nothing of lattices. Here
-a row of A P lies in a window of 4 x 4 coarse points, and a row of P^T A P in one of 5 x 5.
+a row of A P lies in a window of 4 x 4 coarse points, and a row of P^T A P in one of 5 x 5. Of A
+only the half that is to the right of the diagonal is read.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from scipy.sparse import csr_array
 
 from ..parallel import Halo, send_by_rank
 from .csr import LocalRows, aij, local_rows, sort_rows
+
+_INT = np.dtype(PETSc.IntType).type
 
 
 @dataclass
@@ -31,14 +34,16 @@ class Corners:
 
 
 @numba.njit(cache=True, fastmath={"contract"})
-def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, a_value,
-              ghost_pointer, ghost_column, ghost_value, row, stencils):  # fmt: skip
-    """Add P^T A P to ``stencils``; returns the number of couplings that reach too far.
+def _stencils(fields, cell, pointer, code, weight, a_pointer, a_column, a_value,
+              ghost_pointer, ghost_column, ghost_value, above, row, stencils):  # fmt: skip
+    """Add P^T U P to ``stencils``; returns the number of couplings that reach too far.
 
-    cell, pointer, code, weight: P of own unknowns, then ghosts. row (3, ni, nj): row of stencils
-    (rows, 5 * 5 * num_components) of each coarse unknown, -1 for none.
+    U has what A has to the right of its diagonal, and half of that: A = U + U^T. fields: a tuple as
+    long as a coarse point has unknowns, which the compiler counts. cell, pointer, code, weight: P
+    of own unknowns, then ghosts; above: which ghosts come after own ones. row (3, ni, nj): row of
+    stencils (rows, 5 * 5 * len(fields)) of each coarse unknown, -1 for none.
     """
-    nc = num_components
+    nc = len(fields)
     n = len(a_pointer) - 1
     line, window = 4 * nc, np.zeros(16 * nc)
     at4, far = np.empty(12, np.int64), 0
@@ -47,8 +52,8 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
     for r in range(n):
         if pointer[r] == pointer[r + 1]:
             continue
-        window[:] = 0.0
         ci, cj = cell[r, 0], cell[r, 1]
+        low, high = 2, 0
         for half in range(2):
             if half == 0:
                 begin, end, shift = a_pointer[r], a_pointer[r + 1], 0
@@ -57,12 +62,20 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
             for e in range(begin, end):
                 if half == 0:
                     c, value = np.int64(a_column[e]), a_value[e]
+                    if c < r:
+                        continue
+                    if c == r:
+                        value *= 0.5
                 else:
-                    c, value = np.int64(ghost_column[e]) + shift, ghost_value[e]
+                    c, value = np.int64(ghost_column[e]), ghost_value[e]
+                    if not above[c]:
+                        continue
+                    c += shift
                 oi, oj = cell[c, 0] - ci + 1, cell[c, 1] - cj + 1
                 if oi < 0 or oi > 2 or oj < 0 or oj > 2:
                     far += pointer[c + 1] > pointer[c] and value != 0.0
                     continue
+                low, high = min(low, oi), max(high, oi)
                 base = (oi * 4 + oj) * nc
                 for t in range(pointer[c], pointer[c + 1]):
                     window[np.uint64(base + at4[code[t]])] += value * weight[t]
@@ -71,29 +84,44 @@ def _stencils(num_components, cell, pointer, code, weight, a_pointer, a_column, 
             di, dj = (corner // 2) % 2, corner % 2
             stencil = row[corner // 4, ci + di, cj + dj]
             w = weight[t]
-            for oi in range(4):
+            for oi in range(low, high + 2):
                 begin = np.uint64(((oi - di + 1) * 5 + 1 - dj) * nc)
                 source = np.uint64(oi * line)
                 for q in range(np.uint64(line)):
                     stencils[stencil, begin + q] += w * window[source + q]
+        window[low * line : (high + 2) * line] = 0.0
     return far
 
 
 @numba.njit(cache=True)
-def _compress(num_components, component, point, number, stencils, column, value):
-    """Columns and values of the rows of stencils, what is not zero."""
-    size = 0
-    for r in range(len(component)):
-        for c in range(num_components):
+def _compress(fields, which, component, point, number, row, stencils, pointer, column, value):
+    """Some rows of a matrix of stencils and its transpose together, what is not zero.
+
+    Fills pointer, columns and values; returns how many.
+    """
+    nc, size = len(fields), 0
+    for k in range(len(which)):
+        r = which[k]
+        i, j, own = point[r, 0] - 2, point[r, 1] - 2, component[r]
+        for c in range(nc):
             for a in range(5):
                 for b in range(5):
                     # In the order of the numbers: along the lines of the component.
-                    i, j = (a, b) if c == 1 else (b, a)
-                    entry = stencils[r, (i * 5 + j) * num_components + c]
+                    di, dj = (a, b) if c == 1 else (b, a)
+                    # Points that only ghosts know of may lie at the window's rim.
+                    if not (0 <= i + di < row.shape[1] and 0 <= j + dj < row.shape[2]):
+                        continue
+                    other = row[c, i + di, j + dj]
+                    if other < 0:
+                        continue
+                    entry = stencils[r, (di * 5 + dj) * nc + c]
+                    entry += stencils[other, (24 - di * 5 - dj) * nc + own]
                     if entry != 0.0:
-                        column[size] = number[c, point[r, 0] + i - 2, point[r, 1] + j - 2]
+                        column[size] = number[other]
                         value[size] = entry
                         size += 1
+        pointer[k + 1] = size
+    return size
 
 
 def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETSc.Mat | None:
@@ -105,15 +133,16 @@ def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETS
     with local_rows(fine) as rows:
         if comm.size > 1:
             corners = _with_ghosts(comm, rows, corners)
-        number = corners.number
+        number, fields = corners.number, (0,) * components
         component, i, j = np.nonzero(number >= 0)
         row = np.full(number.shape, -1, np.int64)
         row[component, i, j] = np.arange(len(component))
         stencils = np.zeros((len(component), 25 * components))
         far = _stencils(
-            components, corners.cell, corners.pointer, corners.code, corners.weight,
+            fields, corners.cell, corners.pointer, corners.code, corners.weight,
             rows.pointer, rows.column, rows.value,
-            rows.ghost_pointer, rows.ghost_column, rows.ghost_value, row, stencils,
+            rows.ghost_pointer, rows.ghost_column, rows.ghost_value,
+            rows.ghost >= fine.getOwnershipRange()[1], row, stencils,
         )  # fmt: skip
     if comm.allreduce(int(far)):
         return None
@@ -124,12 +153,17 @@ def galerkin(fine: PETSc.Mat, corners: Corners, n: int, components: int) -> PETS
     begin, end = np.searchsorted(row_number, [offset, offset + n], sorter=order)
 
     def compressed(which: np.ndarray):
-        """Pointer, columns and values of some rows of the stencils."""
-        rows = stencils[which]
-        pointer = np.concatenate([[0], np.cumsum(np.count_nonzero(rows, axis=1))])
-        column, value = np.empty(pointer[-1], np.int64), np.empty(pointer[-1])
-        _compress(components, component[which], point[which], number, rows, column, value)
-        return pointer, column, value
+        """Pointer, columns and values of some rows."""
+        room = len(which) * stencils.shape[1]
+        pointer, column, value = (
+            np.zeros(len(which) + 1, _INT),
+            np.empty(room, _INT),
+            np.empty(room),
+        )
+        size = _compress(
+            fields, which, component, point, row_number, row, stencils, pointer, column, value
+        )
+        return pointer, column[:size], value[:size]
 
     own, other = order[begin:end], np.concatenate([order[:begin], order[end:]])
     pointer, column, value = compressed(own)

@@ -15,6 +15,7 @@ from .callbacks import calling_back
 from .failures import check_factor
 from .multigrid import Hierarchy
 from .options import (
+    CYCLE,
     DIRECT,
     DIRECT_LIMIT,
     ITERATIVE,
@@ -96,8 +97,10 @@ class LinearSolver:
         self.ksp.setConvergenceHistory(length=10_000)
         self._checked = False
         if kind == "mg":
-            # Coarse levels: incomplete factors that are cut between ranks take a second step.
-            options.setdefault(STEPS, 1 if matrix.comm.size == 1 else 2)
+            # Coarse levels: incomplete factors that are cut between ranks take a second step, and
+            # are not gone through as often as a W cycle does, for the messages.
+            alone = matrix.comm.size == 1
+            options = {STEPS: 1 if alone else 2, CYCLE: "w" if alone else "v"} | options
         with petsc_options(prefix, options):
             set_from_options(self.ksp, prefix, options)
             if kind == "mg" and multigrid is not None:

@@ -49,10 +49,12 @@ ITERATIVE = {
     "mg_levels_sub_pc_type": "icc",
     "mg_levels_sub_pc_factor_shift_type": "positive_definite",
 }
-STEPS = "mg_levels_ksp_max_it"
+STEPS, CYCLE = "mg_levels_ksp_max_it", "pc_mg_cycle_type"
 YARN_MULTIGRID = {key: value for key, value in ITERATIVE.items() if key != STEPS} | {
     "pc_type": "mg",
-    "pc_mg_cycle_type": "v",
+    # Chebyshev's bound on the coarse levels, which takes but one or two steps between ranks: CG
+    # finds it in five steps to a tenth, which PETSc adds.
+    "mg_levels_esteig_ksp_max_it": 5,
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "cholesky",
     "mg_coarse_pc_factor_mat_solver_type": "mumps",

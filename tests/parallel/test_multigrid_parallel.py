@@ -17,8 +17,9 @@ from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.parallel import Halo
 from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.csr import local_rows, write_values
+from cruciform_petsc.solvers.linear import LinearSolver
 from cruciform_petsc.solvers.multigrid import contrast, hierarchy, interpolation
-from cruciform_petsc.solvers.yarns import OnYarns, YarnSmoother
+from cruciform_petsc.solvers.yarns import OnYarns, YarnSmoother, steps
 
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
@@ -100,7 +101,8 @@ def test_agrees_with_direct_solution_in_few_iterations(outline, angle, bending):
     difference = abs(result.fields["displacement"] - direct.fields["displacement"]).max(initial=0.0)
     # Residual 1e-8 times a condition number whose smooth part is some hundreds.
     assert COMM.allreduce(float(difference), MPI.MAX) < 1e-5 * 3e-3
-    assert result.load == pytest.approx(direct.load, rel=1e-7)
+    # The same for the load: 6e-7 on three ranks, 4e-8 with a residual of 1e-9, 8e-10 with 1e-10.
+    assert result.load == pytest.approx(direct.load, rel=1e-6)
 
 
 @pytest.mark.parametrize("bending", [True, False])
@@ -126,6 +128,19 @@ def test_iterations_hardly_grow(bending):
         counts.append(test.solve().solver.iterations)
     assert max(counts) <= 15
     assert max(counts) - min(counts) < 4
+
+
+@pytest.mark.three_ranks
+@pytest.mark.parametrize("refine", [2, 4, 8])
+def test_bending_further_than_a_pitch(refine):
+    """At refine 4 yarns bend over more than a pitch, sqrt(D/G): the weft goes beyond equilibrium.
+
+    With weights of 1 it takes 14, 17 and 18 iterations.
+    """
+    box = shapely.box(0, 0, 0.24 / refine, 0.25 / refine)
+    network = Network(COMM, Preform(box, radians(45), refine=refine), TABLE_1)
+    test = BiasExtension(network, extension=1e-3, options=YARN_MULTIGRID, finite=False)
+    assert test.solve().solver.iterations <= {2: 11, 4: 14, 8: 15}[refine]
 
 
 # -- parts -------------------------------------------------------------------------------------
@@ -168,7 +183,7 @@ def test_a_family_is_solved_whole(family, bending, fabric):
     unknowns = linear.unknowns()
     smoother = YarnSmoother(matrix, unknowns.lines)
     force = random_vector(matrix, 1)
-    x = smoother.apply(force, (family,)).copy()
+    x = smoother.apply(force, [(family, 1.0)]).copy()
     member = unknowns.lines.line[:, family] >= 0
     assert not x[~member].any()
     left = (force - times(matrix, x))[member]
@@ -196,7 +211,7 @@ def test_ghost_nodes_are_whole():
     line = np.stack([np.where(node == 0, 0, 1), np.full(len(node), -1)], axis=1).astype(np.int32)
     lines = OnYarns(line, np.stack([node, node], axis=1).astype(float), None)
     force = np.arange(1.0, 7.0)
-    x = YarnSmoother(matrix, lines).apply(force[slice(*own)], (0,)).copy()
+    x = YarnSmoother(matrix, lines).apply(force[slice(*own)], [(0, 1.0)]).copy()
     every = np.concatenate(COMM.allgather(x))
     # Couplings between different yarns are left out, and their size is added to the diagonal.
     dense[1, 1] += 0.5
@@ -241,12 +256,60 @@ def test_sweeps_up_are_the_transpose_of_sweeps_down(bending):
     linear, matrix = clamped("l-shape", bending)
     smoother = YarnSmoother(matrix, linear.unknowns().lines)
     a, b = random_vector(matrix, 2), random_vector(matrix, 3)
-    down = dot(b, smoother.apply(a, (0, 1, 0, 1)))
-    up = dot(a, smoother.apply(b, (1, 0, 1, 0)))
-    norm = np.sqrt(
-        dot(a, smoother.apply(a, (0, 1, 0, 1))) * dot(b, smoother.apply(b, (0, 1, 0, 1)))
-    )
+    x = smoother.apply(a, steps(2)).copy()
+    down = dot(b, x)
+    up = dot(a, smoother.apply(b, steps(2)[::-1]))
+    norm = np.sqrt(dot(b, b) * dot(x, x))  # single precision is 6e-8 of that
     assert down == pytest.approx(up, abs=1e-6 * norm)
+    matrix.destroy()
+
+
+@pytest.mark.parametrize("bending", [True, False])
+@pytest.mark.parametrize("fabric", [TABLE_1, STIFF], ids=["table-1", "stiff"])
+def test_cycle_is_symmetric(fabric, bending):
+    """As it must be for CG, though sweeps up take no residual and down does with the matrix itself.
+
+    What is left is rounding to single precision.
+    """
+    linear, matrix = clamped("hole", bending, fabric)
+    solver = LinearSolver(matrix, extra=YARN_MULTIGRID, multigrid=linear.multigrid)
+    vectors, images = [], []
+    for seed in (4, 5):
+        b, x = matrix.createVecs()
+        b.setArray(random_vector(matrix, seed))
+        solver.ksp.getPC().apply(b, x)
+        vectors.append(b)
+        images.append(x)
+    (a, b), (x, y) = vectors, images
+    assert a.dot(x) > 0
+    assert b.dot(y) > 0
+    assert a.dot(y) == pytest.approx(b.dot(x), abs=1e-5 * np.sqrt(a.dot(x) * b.dot(y)))
+    solver.destroy()
+    for thing in (*vectors, *images, matrix):
+        thing.destroy()
+
+
+@pytest.mark.parametrize("sweeps", [1, 2, 4])
+def test_sweeps_are_chebyshevs(sweeps):
+    """Pairs of a warp and a weft unknown, [1 c; c 1]: what is left of the weft's is known.
+
+    With the warp in equilibrium 1 - c^2 is the eigenvalue, and Chebyshev's polynomial, scaled to 1
+    at 0, the least on 0.3 to 1.
+    """
+    eigenvalue = np.linspace(0.01, 0.99, 50)
+    coupling = np.sqrt(1.0 - eigenvalue)
+    matrix = PETSc.Mat().createAIJ((100, 100), nnz=2, comm=MPI.COMM_SELF)
+    for k, c in enumerate(coupling):
+        matrix.setValues([2 * k, 2 * k + 1], [2 * k, 2 * k + 1], [[1.0, c], [c, 1.0]])
+    matrix.assemble()
+    line = np.full((100, 2), -1, np.int32)
+    line[::2, 0] = line[1::2, 1] = np.arange(50)
+    smoother = YarnSmoother(matrix, OnYarns(line, np.zeros((100, 2))))
+    left = smoother.apply(np.zeros(100), steps(sweeps), np.ones(100))
+    chebyshev = np.polynomial.Chebyshev.basis(sweeps)
+    expected = chebyshev((1.3 - 2 * eigenvalue) / 0.7) / chebyshev(1.3 / 0.7)
+    np.testing.assert_allclose(left[1::2], expected, atol=1e-5)
+    np.testing.assert_allclose(left[::2], -coupling * left[1::2], atol=1e-6)  # in equilibrium
     matrix.destroy()
 
 
@@ -264,6 +327,7 @@ def test_galerkin_products_are_petscs(outline, bending):
         norm = expected.norm()
         expected.axpy(-1.0, product)
         assert expected.norm() < 1e-13 * norm
+        assert product.isSymmetric(0.0)  # to the last bit: of the fine matrix one half is read
         expected.destroy()
         fine = product
     for thing in (*levels.matrices, *levels.interpolations, matrix):
