@@ -33,7 +33,7 @@ from .case.schema import Case
 from .cloth.biaxial import points_of_file
 from .errors import InputError
 from .net.network import Network
-from .output.calibration import hold_out_summary, write
+from .output.calibration import hold_out_summary, write, write_so_far
 from .output.crimp_fit import write_crimp
 from .parallel import on_root
 from .units import format_si
@@ -129,6 +129,7 @@ def calibrate_case(
         specimens,
         options=case.solver.options,
         told=lambda text: log.info("           %s", text),
+        stepped=partial(write_so_far, comm, directory),
     )
     more: dict[str, Any] = {"title": case.title, "data": str(data_path)}
     if also:

@@ -343,7 +343,14 @@ def _calibrate(comm: MPI.Intracomm, args: argparse.Namespace) -> None:
     from .output.folder import LOG, OF_CALIBRATION, locked
     from .output.log import kept
 
-    names = (*OF_CALIBRATION, LOG)
+    names, law = (*OF_CALIBRATION, LOG), directory / "law.toml"
+    begun = time.time()
+
+    def hint() -> str:
+        kept = law.exists() and law.stat().st_mtime >= begun
+        return f'the law of the last step is kept in "{law}"' if kept else ""
+
+    args.hints.append(hint)
     with locked(comm, directory, names, args.log), kept(comm, directory, args.log) as keep_log:
         calibrate_case(comm, case, args.data, directory, args.log, **more)
         keep_log()
@@ -555,6 +562,8 @@ def _start_petsc(comm: MPI.Intracomm, options: list[str]) -> None:
     for name, file in pairwise([*words, ""]):
         if name in ("-options_file", "-options_file_yaml"):
             on_root(comm, partial(_check_options_file, file))
+        elif viewer := re.match(r"(?:ascii|binary|hdf5)?:([^:]+)", file):
+            on_root(comm, partial(_check_viewer_file, name, viewer[1]))
     started = "petsc4py.PETSc" in sys.modules  # by a script that calls main(); init is then void
     import petsc4py
 
@@ -576,6 +585,13 @@ def _check_options_file(path: str) -> None:
             problem = f"cannot be read: {error}"
     if problem:
         raise InputError(f'"{path}", the file of PETSc options (-options_file), {problem}')
+
+
+def _check_viewer_file(name: str, path: str) -> None:
+    """Refuse a file that PETSc could not write at the end, after all the work."""
+    folder = Path(path).parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+        raise InputError(f'"{path}", the file of the PETSc option {name}, cannot be written')
 
 
 def split_arguments(arguments: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -210,14 +210,16 @@ class Halo:
 
         Ghosts keep what they had.
         """
-        out = values[self.num_owned + self._by_owner]
-        incoming = self._send(out, self._owners, self._holders, len(self.exported))
-        combine.at(values, self.exported, incoming)
+        combine.at(values, self.exported, self.to_owners(values[self.num_owned :]))
         return values
 
     def share(self, values: np.ndarray, combine: np.ufunc = np.add) -> np.ndarray:
         """Give all ranks what they hold of each value together, in place; returns values."""
         return self.forward(self.reverse(values, combine))
+
+    def to_owners(self, records: np.ndarray) -> np.ndarray:
+        """Send a record for each ghost; returns one for each entry of ``exported``."""
+        return self._send(records[self._by_owner], self._owners, self._holders, len(self.exported))
 
     def to_ghosts(self, records: np.ndarray) -> np.ndarray:
         """Send a record for each entry of ``exported``; returns the ghosts' (n_ghost, ...)."""

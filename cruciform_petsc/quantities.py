@@ -27,6 +27,7 @@ UNITS = {
     "_kPa": ("kPa", 1e3),
     "_N": ("N", 1.0),
     "_J": ("J", 1.0),
+    "_s": ("s", 1.0),
 }
 SMALL_FORCE = 0.1  # N; forces below are told in mN
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,12 +54,13 @@ def check_case(comm: MPI.Intracomm, case: Case, log: logging.Logger) -> None:
     """Make the network of a case and tell its sizes; solves and writes nothing. Collective."""
     measured = _check_comparison(comm, case)
     log.info("%s", case.title)
+    _tell_model(case, log)
     for sentence in check_work(comm, case):
         log.info("%s%s", INDENT, sentence)
     networks, _ = _make_networks(comm, case, Stages(log))
     network = networks[0]
     log.info("%s%s, %s", INDENT, case.test.kind, _size(case))
-    for sentence in _remarks(case, network, measured):
+    for sentence in _remarks(case, networks, measured):
         log.warning("warning       %s", sentence)
     if not case.test.finite:
         per_node = 3 if case.test.bending else 2
@@ -94,6 +95,12 @@ def run_case(
             return kind(comm, case, directory, log, checkpoint, keep_log).run()
 
 
+def _tell_model(case: Case, log: logging.Logger) -> None:
+    """What else than cruciforms the cloth is made of."""
+    if getattr(case.test, "model", "") == "truss":
+        log.info('%smodel "truss": pin-jointed bars with soft diagonals, no cruciforms', INDENT)
+
+
 def _size(case: Case) -> str:
     return "finite deformation" if case.test.finite else "small displacements"
 
@@ -123,14 +130,18 @@ def _check_comparison(comm: MPI.Intracomm, case: Case) -> MeasuredCurve | None:
     return on_root(comm, lambda: read_curve(path, case.output.measured_columns))
 
 
-def _remarks(case: Case, network: Network, measured: MeasuredCurve | None) -> list[str]:
+def _remarks(
+    case: Case, networks: Sequence[Network], measured: MeasuredCurve | None = None
+) -> list[str]:
     """What may be meant otherwise in a case, and what was left out of its measured data."""
     questions: list[str | None] = [*case.fabric_table.questions()]
+    for network in networks:
+        questions += network.preform.questions(network.fabric)
     if measured is not None:
         questions += [f"measured data: {note}" for note in measured.notes]
         if case.test.kind in SPECIMENS:
             upper = getattr(case.test, "upper", "grip")
-            specimen = Specimen(network, measured, case.test.kind, upper)
+            specimen = Specimen(networks[0], measured, case.test.kind, upper)
             questions.append(specimen.unit_question())
     return [question for question in questions if question]
 
@@ -205,6 +216,7 @@ class _Run:
         check_work(self.comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, self.comm.size)
+        _tell_model(case, log)
         network, statistics = _make_network(self.comm, case, self.stages)
         experiment = case.experiment(network)
         self.summary["warnings"] = experiment.remarks
@@ -221,7 +233,7 @@ class _Run:
         summary |= summarize(case, result, statistics, hanging)
         if self.checkpoint is not None and self.checkpoint.increments:
             summary["resumed_after_increments"] = len(self.checkpoint.increments)
-        for sentence in [*warnings(result), *_remarks(case, network, self.measured)]:
+        for sentence in [*warnings(result), *_remarks(case, [network], self.measured)]:
             summary["warnings"] = [*summary["warnings"], sentence]
             log.warning("warning       %s", sentence)
         if self.failure is not None:
@@ -437,12 +449,13 @@ class _FormingRun(_Run):
         check_work(comm, case)
         log.info("%s", case.title)
         logs.tell_program(log, comm.size)
+        _tell_model(case, log)
         networks, statistics = _make_networks(comm, case, self.stages)
         with self.stages.stage("set_up", "tools and blank set up"):
             forming = case.forming(networks)
         for sentence in forming.check():
             log.info("%s%s", INDENT, sentence)
-        self.summary["warnings"] = [*forming.remarks, *_remarks(case, networks[0], None)]
+        self.summary["warnings"] = [*forming.remarks, *_remarks(case, networks)]
         for sentence in self.summary["warnings"]:
             log.warning("warning       %s", sentence)
         self._open_checkpoint()
@@ -565,7 +578,7 @@ class _FishnetRun(_Run):
             assert isinstance(draping, Draping)
             told = draped.summarize(case, draping, statistics)
         self.failure = draping.failure()
-        given = [*draping.remarks, *_remarks(case, network, None), *told.pop("warnings")]
+        given = [*draping.remarks, *_remarks(case, [network]), *told.pop("warnings")]
         for sentence in given:
             log.warning("warning       %s", sentence)
         self.summary |= told | {"warnings": given}

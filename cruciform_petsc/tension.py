@@ -127,7 +127,8 @@ def _crimp(
 
     ``data``: 2, then of warp and weft: length p of the cloth from crossover to crossover, crimp
     height h, yarn stiffness, stiffness against change of h; then the law of the force between the
-    yarns at a crossover over their approach. cloth.crimp.Crimp has the equations.
+    yarns at a crossover over their approach. cloth.crimp.Crimp has the equations. All NaN if the
+    heights are not found, so that no equilibrium is found with them either.
     """
     p_w, p_e = data[1], data[2]
     rest_w, rest_e = data[3], data[4]
@@ -164,6 +165,9 @@ def _crimp(
         h_w, h_e = h_w + step_w, h_e + step_e
         # The last step is below rounding; what is worked out once more is at its end.
         done = abs(step_w) + abs(step_e) <= 1e-14 * total
+    if abs(step_w) + abs(step_e) > 1e-6 * total:  # where it is not found there is no number
+        none = np.nan
+        return none, none, none, none, none, none
     s_w, s_e, c_w, c_e = h_w / l_w, h_e / l_e, b_w / l_w, b_e / l_e
     # By the strain, by the height, and mixed.
     e_w = p_w * p_w * (k_w * c_w * c_w + f_w * s_w * s_w / l_w)

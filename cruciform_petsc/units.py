@@ -242,6 +242,11 @@ def parse(value: Any, unit: str, *, bare: bool = False) -> float:
         raise ValueError(f'= "{cut(value)}" has no unit, write for example "{example}"')
     if re.match(r"[,.\d](?!\s*/)", text):  # a second number; only the 1 of "2.4 1/cm" may stand
         raise ValueError(f'must be one number and a unit like "{example}", got "{cut(value)}"')
+    if unit == "kg/m" and text in ("K", "k"):
+        raise ValueError(
+            f'= "{cut(value)}" is a number of filaments, and the linear density is needed that a '
+            'sheet has beside it: of carbon some 67 tex per thousand, "200 tex" for 3K'
+        )
     number = float(digits)
     per = _PER_SOME.fullmatch(text)
     if per is not None and float(per[2]) > 0.0:

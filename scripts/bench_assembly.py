@@ -6,7 +6,9 @@
 
 Prints matrix entries per second of the first assembly (pattern included) and of re-assembly;
 writes results/bench_assembly_RANKS.json and a picture. The membrane is plane
-stress with quadratic displacements on triangles: about as many entries per row as the network.
+stress with linear and with quadratic displacements on triangles: the latter have about as many
+entries per row as the network. All are assembled in turn, some times, and the least is told: memory
+that a process touches for the first time costs whoever comes first more than the assembly.
 With --coo PETSc's assembly from lists of (row, column, value) stands beside solvers/pattern.py.
 """
 
@@ -24,10 +26,12 @@ from cruciform_petsc import Network, Preform
 from cruciform_petsc.net.edges import Constraints
 from cruciform_petsc.small.network import LinearNetwork
 
+ROUNDS = 4
+
 
 def entries(matrix) -> int:
     """Entries of all ranks."""
-    return int(COMM.allreduce(matrix.getInfo()["nz_used"]))
+    return int(matrix.getInfo()["nz_used"])
 
 
 def membrane(unknowns: int, degree: int):
@@ -183,25 +187,30 @@ def main() -> None:
         "what", "unknowns", "entries, 10^6", "first, s", "again, s", "first, 10^6 entries/s",
         "again, 10^6 entries/s",
     )  # fmt: skip
-    results = {}
-    for bending in (True, False):
-        name = f"network, {'bending' if bending else 'no bending'}"
-        if arguments.coo:
-            pair = beside_coo(arguments.crossovers, bending)
-            results[f"{name}, pattern.py"], results[f"{name}, COO"] = pair
-        else:
-            results[name] = ours(arguments.crossovers, bending)
-    for degree in () if arguments.coo else (1, 2):
-        results[f"dolfinx, degree {degree}"] = theirs(
-            results["network, bending"]["unknowns"], degree
-        )
+    results: dict[str, dict] = {}
+
+    def least(name: str, one: dict) -> None:
+        known = results.setdefault(name, one)
+        known |= {key: min(one[key], known[key]) for key in one}
+
+    for _ in range(1 if arguments.coo else ROUNDS):
+        for bending in (True, False):
+            name = f"network, {'bending' if bending else 'no bending'}"
+            if arguments.coo:
+                pair = beside_coo(arguments.crossovers, bending)
+                results[f"{name}, pattern.py"], results[f"{name}, COO"] = pair
+            else:
+                least(name, ours(arguments.crossovers, bending))
+        for degree in () if arguments.coo else (1, 2):
+            unknowns = results["network, bending"]["unknowns"]
+            least(f"dolfinx, degree {degree}", theirs(unknowns, degree))
     for name, one in results.items():
         table.row(
             name,
             one["unknowns"],
             f"{one['entries'] / 1e6:.1f}",
-            f"{one['first']:.2f}",
-            f"{one['again']:.2f}",
+            f"{one['first']:.3f}",
+            f"{one['again']:.3f}",
             f"{one['entries'] / one['first'] / 1e6:.1f}",
             f"{one['entries'] / one['again'] / 1e6:.1f}",
         )

@@ -14,7 +14,8 @@ deep into an opening of radius 52.5 mm (fillet 8 mm) by a hemisphere of radius 5
 
 With --vary also: half the step, half the viscosity, twice the stiffness of contact, and with --fine
 half the pitch. Prints what changed; writes results/bench_forming.json. The tries of steps that
-failed and were halved are in the processor time, not in the counts. ``Balance`` is the work of the
+failed and were halved are in the processor time, not in the counts, nor is the one factorisation
+that foresees each step. Evaluations are of forces. ``Balance`` is the work of the
 tools, by trapezia over the steps, over what is stored and dissipated, less one.
 """
 
@@ -139,8 +140,9 @@ def measure(name: str, run: Run, table: Table, base: dict | None, verbose: bool)
         if verbose and COMM.rank == 0:
             print(
                 f"  {i.control:.4f}: {i.rounds} rounds, {i.iterations} Newton steps, "
-                f"{i.shifted} indefinite, {i.cuts} cuts, punch {step.tool_force['punch'][2]:.3f} N,"
-                f" shear {np.degrees(i.shear_max):.2f} deg, {i.seconds:.1f} s",
+                f"{i.shifted} indefinite, {i.factorisations} factorisations, "
+                f"{i.evaluations} evaluations, {i.cuts} cuts, "
+                f"punch {step.tool_force['punch'][2]:.3f} N, shear {np.degrees(i.shear_max):.2f} deg, {i.seconds:.1f} s",
                 file=sys.stderr,
                 flush=True,
             )
@@ -167,6 +169,8 @@ def measure(name: str, run: Run, table: Table, base: dict | None, verbose: bool)
         "rounds": sum(step.rounds for step in steps),
         "newton": sum(step.iterations for step in steps),
         "indefinite": sum(step.shifted for step in steps),
+        "factorisations": sum(step.factorisations for step in steps),
+        "evaluations": sum(step.evaluations for step in steps),
         "cuts": sum(step.cuts for step in steps),
         "setup_s": setup.cpu,
         "seconds": seconds.cpu,
@@ -184,7 +188,8 @@ def measure(name: str, run: Run, table: Table, base: dict | None, verbose: bool)
         )
     table.row(
         name, result["crossovers"], result["unknowns"], result["steps"], result["rounds"],
-        result["newton"], result["indefinite"], result["cuts"], f"{result['seconds']:.1f}",
+        result["newton"], result["indefinite"], result["factorisations"], result["evaluations"],
+        result["cuts"], f"{result['seconds']:.1f}",
         f"{result['punch_n']:.2f}", f"{result['shear_deg']:.2f}", f"{result['compaction_mm']:.2f}",
         f"{100 * result['balance']:+.2f} %", result["reached"], change,
     )  # fmt: skip
@@ -219,7 +224,8 @@ def main() -> None:
         run = replace(run, contact=replace(run.contact, **given))
         table = Table(
             f"{name}: holder {run.holder:g} N, bending {run.bending:g} N m, {run.contact}",
-            "run", "crossovers", "unknowns", "steps", "rounds", "Newton", "indefinite", "cuts",
+            "run", "crossovers", "unknowns", "steps", "rounds", "Newton", "indefinite",
+            "factorisations", "evaluations", "cuts",
             "processor s", "punch N", "shear deg", "compaction mm", "balance", "reached", "change",
         )  # fmt: skip
         base = measure(name, run, table, None, arguments.verbose)

@@ -5,9 +5,11 @@ A quarter of a square blank of 233 mm between planes of symmetry, yarns along it
 into an opening of 52.5 mm radius by a hemisphere of 50 mm, under a holder that keeps it free of
 wrinkles. Rungs are networks of 4, 2 and 1 yarns to a cruciform, and membranes whose triangles are
 half as wide as those pitches. Each is compared with the finest membrane at the crossovers of the
-coarsest network, which all of them have.
+coarsest network, which all of them have. With --equal triangles are such that a membrane has about
+as many nodes as the network, to compare what they take.
 
     scripts/fenicsx python3 scripts/compare_membrane.py --depth 40 --bending 1
+    scripts/fenicsx python3 scripts/compare_membrane.py --depth 40 --bending 1 --equal
 """
 
 from __future__ import annotations
@@ -62,6 +64,7 @@ def main() -> list[dict[str, float]]:
     parser.add_argument("--bending", type=float, default=1.0, help="out of the plane, N mm")
     parser.add_argument("--step", type=float, default=0.1, help="largest, as a share of the stroke")
     parser.add_argument("--in-plane", action="store_true", help="yarns bend in the plane, too")
+    parser.add_argument("--equal", action="store_true", help="as many nodes in a membrane")
     parser.add_argument("--yarns", type=int, nargs="+", default=[4, 2, 1], help="to a cruciform")
     told = parser.parse_args()
     comm, fabric = MPI.COMM_WORLD, cloth(told.bending)
@@ -95,7 +98,8 @@ def main() -> list[dict[str, float]]:
     rows, fields = [], []
     rungs: list[tuple[str, float, Blank]] = []
     for network in networks[::-1]:
-        size = 0.5 * float(network.pitch.min())
+        # A network has three nodes to a crossover, a mesh one to a square of its size.
+        size = float(network.pitch.min()) / (np.sqrt(3) if told.equal else 2.0)
         rungs.append(("membrane", size, MembraneBlank(network, tools, size, **options)))
     for network in networks[::-1]:
         rungs.append(("network", float(network.pitch.min()), Blank(network, tools, **options)))
@@ -114,12 +118,13 @@ def main() -> list[dict[str, float]]:
         fields.append((u, gamma))
         off_u, off_gamma = u - fields[0][0], np.degrees(abs(gamma - fields[0][1]))
         inside = (points < (1 - 1e-6) * SIDE).all(axis=1)  # shear at free edges is one-sided
+        newton = sum(step.increment.iterations for step in formed.steps)
         rows.append(
             {
                 "size_mm": 1e3 * size,
                 "nodes": blank.ply.nodes.num_nodes_global,
                 "steps": len(formed.steps),
-                "newton": sum(step.increment.iterations for step in formed.steps),
+                "newton": newton,
                 "mended": sum(step.increment.shifted for step in formed.steps),
                 "punch_N": 4 * abs(last.tool_force["punch"][2]),
                 "draw_in_mm": 1e3 * max(DrawIn(blank).largest(state).values()),
@@ -129,6 +134,7 @@ def main() -> list[dict[str, float]]:
                 / np.linalg.norm(fields[0][1][inside]),
                 "moved_off_mm": 1e3 * np.linalg.norm(off_u, axis=1).mean(),
                 "seconds": time.process_time() - begin,
+                "ms_a_newton": 1e3 * (time.process_time() - begin) / newton,
             }
         )
         if len(rows) == 1:

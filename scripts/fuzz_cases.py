@@ -153,12 +153,12 @@ class Maker:
         )  # fmt: skip
         return table
 
-    def outline(self, upright: bool) -> dict[str, Any]:
+    def outline(self, upright: bool, least: float = 0.02) -> dict[str, Any]:
         """A rectangle, or a star-shaped polygon with flat ends, perhaps with a hole."""
         if upright or self.random.random() < 0.6:
-            table: dict[str, Any] = {"rectangle": [self.length(), self.length()]}
+            table: dict[str, Any] = {"rectangle": [self.length(least), self.length(least)]}
         else:
-            size, n = self.random.uniform(0.03, 0.2), self.random.randint(0, 6)
+            size, n = self.random.uniform(max(0.03, least), 0.3), self.random.randint(0, 6)
             right = sorted(self.random.uniform(0.05, 0.95) for _ in range(n))
             left = sorted((self.random.uniform(0.05, 0.95) for _ in range(n)), reverse=True)
             corners = [(-0.5, 0.0), (0.5, 0.0)]
@@ -167,7 +167,7 @@ class Maker:
             corners += [(-self.random.uniform(0.1, 0.9), y) for y in left]
             table = {"polygon": [[f"{size * x:.9g} m", f"{size * y:.9g} m"] for x, y in corners]}
         if self.random.random() < 0.3:
-            y, r = self.random.uniform(0.01, 0.02), self.random.uniform(1e-4, 8e-3)
+            y, r = self.random.uniform(0.008, 0.011), self.random.uniform(1e-4, 7e-3)
             corners = [(-r, y - r), (r, y - r), (r, y + r), (-r, y + r)]
             table["holes"] = [[[f"{a:.9g} m", f"{b:.9g} m"] for a, b in corners]]
         return table
@@ -177,31 +177,54 @@ class Maker:
         kind = self.random.choice((*KINDS, *2 * ("forming",)))
         if kind == "forming":
             return self.forming()
-        if kind == "fishnet":
-            return self.fishnet()
-        upright = kind in ("picture-frame", "biaxial", "cantilever", "pull-out")
+        others = {"fishnet": self.fishnet, "drape": self.drape, "inflation": self.inflation}
+        if kind in others:
+            return others[kind]()
+        along = ("picture-frame", "biaxial", "biaxial-load", "cantilever", "pull-out")
+        upright = kind in along
         test: dict[str, Any] = {"kind": kind, "finite": self.random.random() < 0.5}
         control = {
             "picture-frame": ("angle", self.some(1, 60, "deg")),
             "biaxial": ("strain", self.some(0.01, 2, "%")),
+            "biaxial-load": ("tension", self.some(0.01, 10, "N/cm")),
             "cantilever": ("load", self.some(1e-4, 1, "N")),
         }.get(kind, ("extension", self.some(0.1, 20, "mm")))
         test[control[0]] = control[1]
         if kind != "cantilever":
             self.maybe(test, "bending", self.random.random() < 0.5)
         self.maybe(test, "increments", self.random.randint(1, 50))
-        if kind == "pull-out":
-            test |= {"slip": {"force": self.quantity(1e-3, 1, "N")}, "finite": True}
         angle = self.quantity(0.1, 180, "deg")
         preform: dict[str, Any] = {
             "outline": self.outline(upright),
             "bias_angle": self.random.choice(("0 deg", "90 deg")) if upright
             else self.random.choice(("45 deg", "30 deg", angle)),
         }  # fmt: skip
-        self.maybe(preform, "refine", self.random.randint(1, 4))
+        if kind == "biaxial-load" and self.random.random() < 0.7:
+            width = self.random.uniform(0.02, 0.1)
+            cross = {"cross": [f"{3 * width:.6g} m", f"{width:.6g} m"]}
+            preform["outline"] = cross
+            self.maybe(cross, "arm_slits", self.random.randint(1, 5), 0.5)
+        if kind == "pull-out":  # of one yarn
+            test |= {"slip": {"force": self.quantity(1e-3, 1, "N")}, "finite": True}
+        else:
+            self.maybe(preform, "refine", self.random.randint(1, 4))
         self.maybe(preform, "origin", [self.length(1e-3), self.length(1e-3)])
-        data = {"title": "Grün \"'\\ §", "fabric": self.fabric(), "preform": preform, "test": test}
-        self.maybe(data, "continuum", {"mesh_size": self.length(0.005)})
+        fabric = self.fabric()
+        if kind == "pull-out":  # whose warp and weft have no strain in common
+            fabric |= {"use": "glass-pp-plain-1.93"} if "use" in fabric else {}
+        if test["finite"]:
+            self.maybe(test, "space", True, 0.1 if "use" in fabric else 0.0)
+            self.maybe(fabric, "shear_friction", {"torque": self.quantity(0.1, 10, "N/m")}, 0.1)
+        if (
+            test["finite"]
+            and kind in ("bias-extension", "picture-frame")
+            and self.random.random() < 0.2
+        ):
+            fabric["shear_viscosity"] = {"viscosity": self.quantity(0.1, 100, "N s/m")}
+            speed = {"picture-frame": self.quantity(1, 100, "deg/min")}
+            test["speed"] = speed.get(kind, self.quantity(1, 1000, "mm/min"))
+        data = {"title": "Grün \"'\\ §", "fabric": fabric, "preform": preform, "test": test}
+        self.maybe(data, "continuum", {"mesh_size": self.length(0.002, 0.019)})
         self.maybe(data, "solver", {"options": {"ksp_type": "cg", "ksp_rtol": 1e-8}})
         self.maybe(data, "output", {"directory": "results/x", "pictures": False})
         return data
@@ -210,7 +233,9 @@ class Maker:
         """Of a tool."""
         size, begin = self.random.uniform(0.01, 0.08), self.random.choice((-90, 0, 45))
         end = begin + self.random.uniform(10, 180)
-        file = self.random.choice(("punch.stl", "hole.stl", "noise.stl", "none.stl", "thesis"))
+        file = self.random.choice(
+            (*8 * ("punch.stl",), "hole.stl", "noise.stl", "none.stl", "thesis")
+        )
         radius, outer = f"{size:.6g} m", f"{2.5 * size:.6g} m"
         corners = [[f"{k * size:.6g} m", f"{(k % 2) * size / 4:.6g} m"] for k in range(4)]
         shapes: tuple[dict[str, Any], ...] = (
@@ -266,7 +291,7 @@ class Maker:
         if clamps and self.random.random() < 0.2:
             table["release"] = [clamps.pop()]
         self.maybe(
-            table, "pressure", self.quantity(1, 1e5, "Pa"), 0.3 if len(clamps) == 4 else 0.03
+            table, "pressure", self.quantity(1, 1e5, "Pa"), 0.3 if len(clamps) == 4 else 0.01
         )
         self.maybe(table, "suction", "-" + self.quantity(1, 1e2, "kPa"), 0.2)
         self.maybe(table, "results", self.random.randint(1, 20))
@@ -286,32 +311,14 @@ class Maker:
         self.maybe(table, "least_energy", {"places": 1, "turn": "0 deg"}, 0.05)
         return table
 
-    def fishnet(self) -> dict[str, Any]:
-        """A blank on one tool, which it may not meet."""
-        data = self.forming()
-        data["test"] = {"kind": "fishnet"} | self.laid()
-        data["tool"] = data["tool"][:1]
-        return {key: value for key, value in data.items() if key not in ("clamp", "stage")}
-
-    def forming(self) -> dict[str, Any]:
-        """A blank among tools that should be good, though what they do may make no sense."""
-        sides = ("left", "right", "lower", "upper")
-        test: dict[str, Any] = {"kind": "forming", "gravity": self.random.random() < 0.3}
-        self.maybe(test, "symmetry", self.random.choice((["left"], ["left", "lower"])))
-        self.maybe(test, "imperfection", {"height": self.length(1e-6, 1e-3), "seed": 3})
-        contact = {"stiffness": self.quantity(1, 100, "kPa/mm"), "elastic_slip": "0.01 mm",
-                   "viscosity": self.quantity(0.1, 100, "N s/m^3")}  # fmt: skip
-        self.maybe(test, "contact", contact)
-        if self.random.random() < 0.15:
-            test["fishnet"] = self.laid()
-            self.maybe(test["fishnet"], "press", self.quantity(1, 50, "kPa"))
-            self.maybe(test["fishnet"], "pieces", self.random.randint(2, 4))
+    def thick(self) -> dict[str, Any]:
+        """A cloth that can be formed: by the library, or by a data sheet."""
         fabric: dict[str, Any] = {"use": "glass-pp-plain-1.93"}
         if self.random.random() < 0.3:
             warp, weft = (
                 {
                     "linear_density": self.quantity(50, 2000, "tex"),
-                    "yarns": self.quantity(1, 8, "/cm"),
+                    "yarns": self.quantity(2, 8, "/cm"),
                 }
                 for _ in range(2)
             )
@@ -324,28 +331,89 @@ class Maker:
             }
             self.maybe(sheet, "fibre_share", self.random.uniform(0.1, 1.0))
             fabric = {"from_datasheet": sheet, "shear": self.shear()}
+            fabric |= {"thickness": self.quantity(2, 9, "mm")}
             self.maybe(fabric, "weave", self.random.choice(("plain", "twill 2/2", "satin 5")))
-        outline = self.outline(upright=self.random.random() < 0.7)
+        return fabric
+
+    def fishnet(self) -> dict[str, Any]:
+        """A blank on one tool, which it may not meet."""
+        data = self.forming()
+        data["test"] = {"kind": "fishnet"} | self.laid()
+        data["tool"] = data["tool"][:1] or [{"name": "die", "shape": self.shape()}]
+        data["preform"]["outline"].pop("slits", None)
+        return {key: value for key, value in data.items() if key not in ("clamp", "stage")}
+
+    def drape(self) -> dict[str, Any]:
+        """A round of cloth on a disc."""
+        radius = self.random.uniform(0.08, 0.2)
+        test: dict[str, Any] = {"kind": "drape", "support_radius": f"{0.6 * radius:.6g} m"}
+        self.maybe(test, "edge_radius", self.quantity(1, 10, "mm"))
+        self.maybe(test, "plate", self.random.random() < 0.5)
+        self.maybe(test, "friction", self.random.uniform(0, 1))
+        self.maybe(test, "results", self.random.randint(1, 20))
+        preform = {"outline": {"circle": f"{2 * radius:.6g} m"}, "bias_angle": "0 deg",
+                   "yarns_per_cruciform": self.random.randint(2, 8)}  # fmt: skip
+        return {"fabric": self.thick(), "preform": preform, "test": test}
+
+    def inflation(self) -> dict[str, Any]:
+        """A rectangle whose edges are held, under pressure or between raised corners."""
+        test: dict[str, Any] = {"kind": "inflation", "pressure": self.some(0.01, 50, "kPa")}
+        if self.random.random() < 0.3:
+            test |= {"corners": ["0 mm", self.length(), "0 mm", self.length()],
+                     "pretension": self.quantity(1, 10, "N/cm")}  # fmt: skip
+        else:
+            self.maybe(test, "slides", self.random.random() < 0.5)
+            self.maybe(test, "symmetry", self.random.choice((["left"], ["left", "lower"])))
+            self.maybe(test, "pretension", self.quantity(0.1, 10, "N/cm"))
+        self.maybe(test, "results", self.random.randint(1, 20))
+        outline = {"rectangle": [self.length(0.12), self.length(0.12)]}
+        preform = {"outline": outline, "bias_angle": "0 deg",
+                   "yarns_per_cruciform": self.random.randint(1, 6)}  # fmt: skip
+        return {"fabric": self.thick(), "preform": preform, "test": test}
+
+    def forming(self) -> dict[str, Any]:
+        """A blank among tools that should be good, though what they do may make no sense."""
+        sides = ("left", "right", "lower", "upper")
+        test: dict[str, Any] = {"kind": "forming", "gravity": self.random.random() < 0.3}
+        self.maybe(test, "symmetry", self.random.choice((["left"], ["left", "lower"])))
+        self.maybe(test, "imperfection", {"height": self.length(1e-6, 1e-3), "seed": 3})
+        contact = {"stiffness": self.quantity(1, 100, "kPa/mm"), "elastic_slip": "0.01 mm",
+                   "viscosity": self.quantity(0.1, 100, "N s/m^3")}  # fmt: skip
+        self.maybe(test, "contact", contact)
+        if self.random.random() < 0.15:
+            test["fishnet"] = self.laid() | {"tool": "die"}
+            self.maybe(test["fishnet"], "press", self.quantity(1, 50, "kPa"))
+            if "press" in test["fishnet"]:
+                self.maybe(test["fishnet"], "pieces", self.random.randint(2, 4))
+        fabric = self.thick()
+        outline = self.outline(self.random.random() < 0.7, 0.12)
         if "symmetry" in test or self.random.random() < 0.5:
             outline = {"rectangle": [self.length(0.12), self.length(0.12)]}
-        x, y = (self.random.uniform(0.03, 0.06) for _ in range(2))
-        slit = [[f"{x:.6g} m", f"{y:.6g} m"], [f"{y:.6g} m", "0.09 m"]]
-        self.maybe(outline, "slits", [slit])
-        self.maybe(outline, "darts", [[*slit, ["0.1 m", "0.1 m"]]], 0.1)
+            x, y = (self.random.uniform(0.03, 0.055) for _ in range(2))
+            slit = [[f"{x:.6g} m", f"{y:.6g} m"], [f"{y:.6g} m", "0.09 m"]]
+            self.maybe(outline, "slits", [slit])
+            self.maybe(outline, "darts", [[*slit, ["0.1 m", "0.1 m"]]], 0.1)
         preform = {
             "outline": outline,
-            "bias_angle": self.random.choice(("0 deg", "0 deg", "45 deg")),
+            "bias_angle": "0 deg"
+            if "symmetry" in test
+            else self.random.choice(("0 deg", "45 deg")),
             "yarns_per_cruciform": self.random.randint(4, 10),
         }
         tools: list[dict[str, Any]] = []
-        for name in ("die", "punch", "holder", "Ring 2")[: self.random.randint(0, 4)]:
+        for name in ("die", "punch", "holder", "Ring 2")[: self.random.choice((0, 1, 2, 2, 3, 4))]:
             tool: dict[str, Any] = {"name": name, "shape": self.shape()}
             self.maybe(tool, "friction", self.random.uniform(0, 1), 0.7)
-            self.maybe(tool, "place", self.place())
+            self.maybe(tool, "place", self.place()[: self.random.choice((2, 2, 2, 3))])
             self.maybe(tool, "turn", ["180 deg", "0 deg", "10 deg"], 0.1)
             tools.append(tool)
         clamps: list[dict[str, Any]] = []
-        for edge in sides[len(test.get("symmetry", ())) : self.random.choice((0, 0, 2, 3, 4))]:
+        held = sides[: self.random.choice((0, 0, 2, 3, 4))] if tools else sides
+        if not tools:
+            test.pop("fishnet", None)
+        if not outline.get("rectangle") or ("fishnet" in test and tools):
+            held = ()
+        for edge in (side for side in held if side not in test.get("symmetry", ())):
             clamp: dict[str, Any] = {"edge": edge}
             if self.random.random() < 0.5:
                 clamp["stiffness"] = self.quantity(0.1, 10, "N/mm")

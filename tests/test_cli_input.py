@@ -535,6 +535,13 @@ def test_files_of_petsc_options(case, tmp_path, monkeypatch, how, ranks):
     assert "PETSC ERROR" not in result.stderr
 
 
+def test_a_file_that_petsc_could_not_write(case, tmp_path):
+    """The log's, which it would open after all the work, and end with 0 all the same."""
+    file = tmp_path / "none" / "log.txt"
+    result = cruciform_petsc(0, "check", case, "-log_view", f":{file}:ascii_flamegraph")
+    assert_refused(result, f'"{file}", the file of the PETSc option -log_view, cannot be written')
+
+
 @pytest.mark.parametrize(("how", "ranks"), [("argument", 2), ("environment", 0), ("file", 0)])
 def test_misspelt_petsc_options(case, tmp_path, monkeypatch, how, ranks):
     """They are named in the log and in the summary, wherever they came from."""

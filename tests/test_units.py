@@ -94,6 +94,12 @@ def test_accepted(text, unit, si):
 @pytest.mark.parametrize(
     ("value", "unit", "message"),
     [
+        (
+            "3K",
+            "kg/m",
+            'key = "3K" is a number of filaments, and the linear density is needed that a sheet '
+            'has beside it: of carbon some 67 tex per thousand, "200 tex" for 3K',
+        ),
         (520, "N/m", 'key is the bare number 520, give it a unit like "520 N/cm"'),
         (0.0, "m", 'key is the bare number 0.0, give it a unit like "1 mm"'),
         ("520", "N/m", 'key = "520" has no unit, write for example "520 N/cm"'),

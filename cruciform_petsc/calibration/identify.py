@@ -52,6 +52,7 @@ _ENDED = {
     3: "no step makes the sum of squares smaller",
 }
 _LOG = logging.getLogger(__name__)
+Stepped = Callable[[np.ndarray, np.ndarray, str], None]
 
 
 def calibrate(
@@ -84,6 +85,7 @@ def calibrate_together(
     bounds: Bounds = (None, None),
     options: dict | None = None,
     told: Callable[[str], None] | None = None,
+    stepped: Stepped | None = None,
 ) -> Calibration:
     """Identify one shear law from measured curves of several specimens. Collective.
 
@@ -104,6 +106,9 @@ def calibrate_together(
         PETSc options for the solver.
     told : callable, optional
         Told a line for each step.
+    stepped : callable, optional
+        Called with angles [rad] and values [N/m] of the law after each step, and its error in
+        words. Collective.
 
     InputError or SolverError on every rank: bad data; no equilibrium with the start, for instance
     because no network of this shape can be extended as far as the data go.
@@ -125,7 +130,7 @@ def calibrate_together(
             start = [curve.solve(first) for curve in curves]
             reached = np.concatenate([part.angles for part in start])
             rising = RisingTable(table_angles(angles, reached), first, bounds)
-            fit = _Fit(curves, start, rising, smoothing, told)
+            fit = _Fit(curves, start, rising, smoothing, told, stepped)
             start_loads, start_error = fit.loads, fit.error
             told(f"start from the {start_from}, RMS {fit.percent}")
             message = fit.minimise()
@@ -133,7 +138,9 @@ def calibrate_together(
                 # Beside the middle of a strip cloth shears half as much.
                 told("the first point rules: once more, with an angle at half its own")
                 more = table_angles(None, np.append(reached, 0.5 * reached.min()))
-                finer = _Fit(curves, start, RisingTable(more, first, bounds), smoothing, told)
+                finer = _Fit(
+                    curves, start, RisingTable(more, first, bounds), smoothing, told, stepped
+                )
                 with suppress(EquilibriumError):  # which leaves the fit as it is
                     other = finer.minimise()
                     finer.evaluations += fit.evaluations
@@ -236,7 +243,7 @@ def _no_worse(fit: _Fit, start: list[Loads], first: Potential, error: float) -> 
     evaluations = fit.evaluations
     for less in (0.1, 0.01, 0.0):
         rising, smoothing = RisingTable(angles, first), max(less, 0.01) * fit.smoothing
-        finer = _Fit(fit.curves, start, rising, smoothing, fit.told)
+        finer = _Fit(fit.curves, start, rising, smoothing, fit.told, fit.stepped)
         message = finer.minimise() if less else finer.stay()
         finer.evaluations = evaluations = evaluations + finer.evaluations
         if not finer.worse_than(error):
@@ -259,8 +266,10 @@ class _Fit:
         rising: RisingTable,
         smoothing: float,
         told: Callable[[str], None],
+        stepped: Stepped | None,
     ):
         self.curves, self.solved, self._rising, self.told = curves, start, rising, told
+        self.stepped = stepped
         self.angles, self.smoothing, self.evaluations = rising.angles, smoothing, 0
         self.comm = curves[0].specimen.network.comm
         specimens = [curve.specimen for curve in curves]
@@ -319,6 +328,8 @@ class _Fit:
         self.values, self._slopes = self._rising.values(z)
         if self.steps:
             self.told(f"step {self.steps}, RMS {self.percent}")
+            if self.stepped is not None:
+                self.stepped(self.angles, self.values, f"step {self.steps}, RMS {self.percent}")
         changes = partial(value_changes, self._rising.angles, self.values)
         pairs = zip(self.curves, self.solved, strict=True)
         rates = np.concatenate([curve.derivatives(at, changes) for curve, at in pairs])

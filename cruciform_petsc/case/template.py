@@ -30,6 +30,7 @@ def new_case(kind: str, name: str = "") -> str:
     elif forms(kind):  # one whose tools and stages follow from its keys
         text = (folder / "forming.toml").read_text(encoding="utf-8")
         text = text[: text.index("\n# Tools")] + text[text.index("\n[solver]") :]
+        text = text[: text.index("# Plies")] + text[text.index("\n[fabric]") :]
         text = f"# {(table.__doc__ or '').splitlines()[0]}\n" + text.partition("\n")[2]
         text = text.replace('kind = "forming"', f'kind = "{kind}"\n{cleandoc(values["test"])}', 1)
     else:

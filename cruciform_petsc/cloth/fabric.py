@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -29,8 +29,9 @@ from ..errors import InputError, Problems, unknown
 from ..fields import Number, Of, Pairs, Quantities, Read, Table, si_values
 from ..laws import Potential, effective_strains, linear, odd_polynomial, sin_powers
 from ..tension import BiaxialLaw
-from ..units import LIMITS, MEASURES, Quantity, format_si
+from ..units import MEASURES, Quantity, format_si
 from .biaxial import CrimpTable, SurfaceTable, law_through
+from .checks import number_problems, size_problems
 from .datasheet import (
     COMPRESSION,
     HOW,
@@ -154,30 +155,32 @@ class Fabric(Shown):
                     f"got {family.poisson:g}"
                 )
             if law is None:
-                problems += _number(f"{side}.modulus", family.modulus, "N/m")
-            problems += _number(f"{side}.poisson", family.poisson, wanted="finite")
-            problems += _number(f"{side}.yarns", family.yarns, "1/m")
+                problems += number_problems(f"{side}.modulus", family.modulus, "N/m")
+            problems += number_problems(f"{side}.poisson", family.poisson, wanted="finite")
+            problems += number_problems(f"{side}.yarns", family.yarns, "1/m")
             wanted = "zero or positive and finite"
-            problems += _number(f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted)
+            problems += number_problems(
+                f"{side}.yarn_bending", family.yarn_bending, "N*m**2", wanted
+            )
             bend = family.out_of_plane_bending
             if bend is not None:
                 rigidity = bend.stiffness0 if isinstance(bend, Potential) else bend
-                problems += _number(f"{side}.out_of_plane_bending", rigidity, "N*m")
+                problems += number_problems(f"{side}.out_of_plane_bending", rigidity, "N*m")
         if math.inf > self.shear.last_point > 0.5 * math.pi * (1.0 + 1e-9):
             last = self.shear.last_point
             problems.append(
                 f"fabric.shear_law has points up to {last:g} rad, is {last:g} deg meant?"
             )
         if self.shear_law is None:
-            problems += _number("shear.modulus", self.shear_modulus, "N/m")
+            problems += number_problems("shear.modulus", self.shear_modulus, "N/m")
         for key, wanted in (
             ("compression", "above 0 and at most 1"), ("compression_width", "positive and finite")
         ):  # fmt: skip
-            found = list(_number(f"tension.{key}", getattr(self, key), wanted=wanted))
-            problems += found or _size(f"tension.{key}", getattr(self, key), "1")
+            found = list(number_problems(f"tension.{key}", getattr(self, key), wanted=wanted))
+            problems += found or size_problems(f"tension.{key}", getattr(self, key), "1")
         for name, unit in _PLY_DATA.items():
             if getattr(self, name) is not None:
-                problems += _number(name, getattr(self, name), unit)
+                problems += number_problems(name, getattr(self, name), unit)
         try:
             Weave.named(self.weave)
         except InputError as error:
@@ -460,39 +463,6 @@ class Fabric(Shown):
         return f'Fabric("{self.name}", warp {warp}, weft {weft}, shear {shear})'
 
 
-# What a number must be, beside finite.
-_WANTED: dict[str, Callable[[float], bool]] = {
-    "positive and finite": lambda number: number > 0.0,
-    "zero or positive and finite": lambda number: number >= 0.0,
-    "above 0 and at most 1": lambda number: 0.0 < number <= 1.0,
-    "finite": lambda number: True,
-}
-
-
-def _number(
-    key: str, value: Any, unit: str = "", wanted: str = "positive and finite"
-) -> Iterator[str]:
-    """Problems of what is not as `wanted`, see _WANTED."""
-    try:
-        number = float(value)  # a whole number of hundreds of digits is none
-    except (TypeError, ValueError, OverflowError):
-        yield f"fabric.{key} must be a finite number"
-        return
-    if not (math.isfinite(number) and _WANTED[wanted](number)):
-        got = format_si(number, unit) if unit else f"{number:g}"
-        yield f"fabric.{key} must be {wanted}, got {got}"
-    else:
-        yield from _size(key, number, unit)
-
-
-def _size(key: str, number: float, unit: str) -> Iterator[str]:
-    """What is smaller, but for zero, or larger than anything of its kind is."""
-    least, most = LIMITS.get(unit, (0.0, math.inf))
-    if 0.0 < abs(number) < math.inf and not least <= abs(number) <= (1.0 + 1e-5) * most:
-        ends = f"from {format_si(least, unit)} to {format_si(most, unit)}"
-        yield f"fabric.{key} must be {ends}, got {format_si(number, unit)}"
-
-
 def _slope(key: str, law: Potential | None, modulus: Any, name: str) -> Iterator[str]:
     """Problems of a law that does not resist from the start, or has another modulus beside it."""
     if law is None:
@@ -504,7 +474,7 @@ def _slope(key: str, law: Potential | None, modulus: Any, name: str) -> Iterator
             f"got {format_si(slope, 'N/m')}"
         )
         return
-    yield from _size(key, slope, "N/m")
+    yield from size_problems(key, slope, "N/m")
     if not abs(modulus - slope) <= _SAME_SLOPE * slope:
         yield (
             f"fabric.{name} must be the slope of its law at zero, {format_si(slope, 'N/m')}, "

@@ -274,6 +274,52 @@ class Preform(Shown):
         factor = self.yarns_per_cruciform / self.refine
         return fabric.weft.spacing * factor, fabric.warp.spacing * factor
 
+    def questions(self, fabric: Fabric) -> list[str]:
+        """What is hardly meant: slits that run along yarns, and take them away."""
+        families = np.array(self._yarns_on_slits(fabric))
+        if not families.any():
+            return []
+        pitch = np.array(self.pitch(fabric))
+        # Slits along the warp are moved across it, along the second axis of the lattice.
+        shift = np.where(families[::-1] > 0, 0.5 * pitch, 0.0) @ self.rotation
+        moved = replace(self, origin=tuple(self.lattice_origin + shift))
+        x, y = (format_si(float(f"{step:.6g}") + 0.0, "m") for step in shift)
+        cure = f"moving preform.origin by {x} in x and {y} in y puts the slits between yarns"
+        if any(moved._yarns_on_slits(fabric)):
+            cure = "choose slits that fit between the yarns"
+        count = int(families.sum())
+        which = "1 yarn lies on a slit of the outline and ends" if count == 1 else (
+            f"{count} yarns lie on slits of the outline and end"
+        )  # fmt: skip
+        return [f"{which} there, as if cut away: {cure}"]
+
+    def _yarns_on_slits(self, fabric: Fabric) -> tuple[int, int]:
+        """How many yarns of the net, warp and weft, run within slits of the outline."""
+        pitch = np.array(self.pitch(fabric))
+        gap = 1.01 * _SLIT * self.size.max()
+        rings = [
+            np.asarray(r.coords)[:, :2] for r in (self.outline.exterior, *self.outline.interiors)
+        ]
+        ends = np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
+        ends = (ends - self.lattice_origin) @ self.rotation.T
+        found = []
+        for family in (0, 1):
+            along, across = (
+                np.sort(ends[..., family], axis=1),
+                ends[..., 1 - family] / pitch[1 - family],
+            )
+            line = np.round(across.mean(axis=1))
+            off = (across - line[:, None]) * pitch[1 - family]
+            near = (abs(off) < gap).all(axis=1) & (np.ptp(along, axis=1) > gap)
+            yarns = {
+                line[i]
+                for i in np.flatnonzero(near & (off > 0.0).all(axis=1))
+                for j in np.flatnonzero(near & (off < 0.0).all(axis=1) & (line == line[i]))
+                if min(along[i, 1], along[j, 1]) > max(along[i, 0], along[j, 0])
+            }
+            found.append(len(yarns))
+        return found[0], found[1]
+
     def check_size(self, fabric: Fabric) -> None:
         """Raise InputError if the outline is smaller than one cruciform of this fabric."""
         pitch = self.pitch(fabric)

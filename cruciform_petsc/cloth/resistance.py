@@ -16,7 +16,8 @@ from pydantic import model_validator
 
 from ..errors import InputError, Problems
 from ..fields import Number, Of, Table
-from ..units import LIMITS, Quantity, format_si
+from ..units import Quantity, format_si
+from .checks import number_problems
 
 GAS = 8.31446261815324  # J/(mol K)
 LEAST_EXPONENT = 0.05
@@ -41,9 +42,7 @@ class ShearViscosity:
     def __post_init__(self) -> None:
         """Check that such a fluid can exist."""
         problems = Problems()
-        if not 0.0 < self.viscosity <= LIMITS["N*s/m"][1]:
-            got = format_si(self.viscosity, "N*s/m")
-            problems.append(f"fabric.shear_viscosity.viscosity must be positive, got {got}")
+        problems += number_problems("shear_viscosity.viscosity", self.viscosity, "N*s/m")
         if not LEAST_EXPONENT <= self.exponent <= 1.0:
             problems.append(
                 f"fabric.shear_viscosity.exponent must be from {LEAST_EXPONENT:g} to 1, "
@@ -95,9 +94,7 @@ class ShearFriction:
     def __post_init__(self) -> None:
         """Check that such a friction can exist."""
         problems = Problems()
-        if not 0.0 < self.torque <= LIMITS["N/m"][1]:
-            got = format_si(self.torque, "N/m")
-            problems.append(f"fabric.shear_friction.torque must be positive, got {got}")
+        problems += number_problems("shear_friction.torque", self.torque, "N/m")
         if not math.radians(1e-3) <= self.slip <= 0.5:
             got = format_si(self.slip, "rad")
             problems.append(f"fabric.shear_friction.slip must be from 0.001 to 28.6 deg, got {got}")

@@ -86,19 +86,27 @@ def _bends_in_plane(x, length, rigidity, level, energy, force, stiffness):
                 stiffness[m, 2, i, 2, j] = k22
 
 
+# In space all follows from the products of d_1, d_2 and the chord c, in this order:
+# A = d_1.d_1, B = d_2.d_2, D = d_1.d_2, u = d_1.c, v = d_2.c, C = c.c; which is of which vectors:
+_FIRST, _SECOND = np.array([0, 1, 0, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+_PRODUCT = np.array([[0, 2, 3], [2, 1, 4], [3, 4, 5]])
+_TWICE = np.eye(3) + 1.0  # a product's gradient by a vector is the other one, or twice itself
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath=FREE)
 def _bends_in_space(x, length, in_plane, slopes, curves, level, energy, force, stiffness):
-    # All follows from the products of d_1, d_2 and the chord c, in this order:
-    # A = d_1.d_1, B = d_2.d_2, D = d_1.d_2, u = d_1.c, v = d_2.c, C = c.c
-    begins, ends = (0, 1, -1, 2, -1, 2, -1), (-1, 0, 1, -1, 2, -1, 2)
-    first = (0, 1, 0, 0, 1, 2)  # which vectors each product is of
-    second = (0, 1, 1, 2, 2, 2)
     f, h = np.zeros(6), np.zeros((6, 6))  # derivatives of the energy by the products
     q1, m1, n1 = np.zeros(6), np.zeros(6), np.zeros(6)
     b1, q2, m2, n2 = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    t1, t2, s1 = np.zeros(6), np.zeros((6, 6)), np.zeros(6)
+    m2[0, 5] = m2[1, 5] = 1.0  # upper halves
+    m2[2, 5] = 2.0
+    m2[3, 3] = m2[4, 4] = m2[3, 4] = -2.0
+    n2[0, 4] = n2[2, 4] = 1.0
+    n2[1, 3] = n2[2, 3] = -1.0
+    t1, s1 = np.zeros(6), np.zeros(6)
     z = np.zeros((3, 3))
-    g, k = np.zeros((3, 3)), np.zeros((3, 3, 3, 3))
+    g, k, row = np.zeros((3, 3)), np.zeros((3, 3, 3, 3)), np.zeros((3, 3))
+    points = x.shape[1]
     for e in range(x.shape[0]):
         for i in range(3):
             z[0, i] = x[e, 1, i] - x[e, 0, i]
@@ -149,71 +157,75 @@ def _bends_in_space(x, length, in_plane, slopes, curves, level, energy, force, s
                 g[p, i] = 0.0
         for r in range(6):
             for i in range(3):
-                g[first[r], i] += f[r] * z[second[r], i]
-                g[second[r], i] += f[r] * z[first[r], i]
+                g[_FIRST[r], i] += f[r] * z[_SECOND[r], i]
+                g[_SECOND[r], i] += f[r] * z[_FIRST[r], i]
         for i in range(3):
             force[e, 0, i], force[e, 1, i], force[e, 2, i] = -g[0, i], g[0, i] - g[1, i], g[1, i]
             for p in range(3, x.shape[1], 2):
                 force[e, p, i], force[e, p + 1, i] = -g[2, i], g[2, i]
         if level == 1:
             continue
-        n2[:] = 0.0
-        n2[0, 4] = n2[4, 0] = n2[2, 4] = n2[4, 2] = 1.0
-        n2[1, 3] = n2[3, 1] = n2[2, 3] = n2[3, 2] = -1.0
-        q2[:] = 0.0
         q2[0, 0], q2[1, 1] = -0.25 * size / (a * a), -0.25 * size / (b * b)
-        q2[0, 1] = q2[1, 0] = 0.25 * size / (a * b)
-        m2[:] = 0.0
-        m2[0, 5] = m2[5, 0] = m2[1, 5] = m2[5, 1] = 1.0
-        m2[2, 5] = m2[5, 2] = 2.0
-        m2[3, 3] = m2[4, 4] = m2[3, 4] = m2[4, 3] = -2.0
+        q2[0, 1] = 0.25 * size / (a * b)
+        per_m, per_q = 1.0 / m, 1.0 / q
+        per_qm = per_q * per_m
         for i in range(6):
-            for j in range(6):
-                mm = (0.5 * m2[i, j] - m1[i] * m1[j]) / m  # second derivative of |m|
+            for j in range(i, 6):
+                mm = (0.5 * m2[i, j] - m1[i] * m1[j]) * per_m  # second derivative of |m|
                 # beta q m = 2 N differentiated twice
                 bb = (
                     2.0 * n2[i, j]
                     - b1[i] * (q1[j] * m + q * m1[j])
                     - b1[j] * (q1[i] * m + q * m1[i])
                     - beta * (q2[i, j] * m + q1[i] * m1[j] + q1[j] * m1[i] + q * mm)
-                ) / (q * m)
+                ) * per_qm
                 # t = 8 size/q - 4, so (t + 4) q = 8 size; size has q's second derivatives
-                t2[i, j] = (
-                    8.0 * q2[i, j] - t1[i] * q1[j] - t1[j] * q1[i] - (whole + 4.0) * q2[i, j]
-                ) / q
+                t2 = ((4.0 - whole) * q2[i, j] - t1[i] * q1[j] - t1[j] * q1[i]) * per_q
                 bent = b1[i] * b1[j] + beta * bb
-                h[i, j] = inner * bent + slope * (t2[i, j] - 2.0 * bent) + curve * s1[i] * s1[j]
+                h[i, j] = inner * bent + slope * (t2 - 2.0 * bent) + curve * s1[i] * s1[j]
+                h[j, i] = h[i, j]
+        # By the vectors
         for p in range(3):
-            for r in range(3):
+            for r in range(p, 3):
+                for t in range(3):
+                    for j in range(3):
+                        row[t, j] = 0.0
+                        for o in range(3):
+                            factor = h[_PRODUCT[p, t], _PRODUCT[r, o]] * _TWICE[r, o]
+                            row[t, j] += factor * z[o, j]
+                        row[t, j] *= _TWICE[p, t]
                 for i in range(3):
                     for j in range(3):
-                        k[p, r, i, j] = 0.0
-        for r in range(6):
-            for i in range(3):
-                k[first[r], second[r], i, i] += f[r]
-                k[second[r], first[r], i, i] += f[r]
-            for o in range(6):
-                for i in range(3):
-                    for j in range(3):
-                        k[first[r], first[o], i, j] += h[r, o] * z[second[r], i] * z[second[o], j]
-                        k[first[r], second[o], i, j] += h[r, o] * z[second[r], i] * z[first[o], j]
-                        k[second[r], first[o], i, j] += h[r, o] * z[first[r], i] * z[second[o], j]
-                        k[second[r], second[o], i, j] += h[r, o] * z[first[r], i] * z[first[o], j]
-        # Each point is the end (+) of at most one of d_1, d_2, c, and the beginning (-) of one.
-        for p in range(x.shape[1]):
-            for r in range(x.shape[1]):
-                for i in range(3):
-                    for j in range(3):
-                        value = 0.0
-                        if ends[p] >= 0 and ends[r] >= 0:
-                            value += k[ends[p], ends[r], i, j]
-                        if ends[p] >= 0 and begins[r] >= 0:
-                            value -= k[ends[p], begins[r], i, j]
-                        if begins[p] >= 0 and ends[r] >= 0:
-                            value -= k[begins[p], ends[r], i, j]
-                        if begins[p] >= 0 and begins[r] >= 0:
-                            value += k[begins[p], begins[r], i, j]
-                        stiffness[e, p, i, r, j] = value
+                        k[p, r, i, j] = (
+                            z[0, i] * row[0, j] + z[1, i] * row[1, j] + z[2, i] * row[2, j]
+                        )
+                    k[p, r, i, i] += f[_PRODUCT[p, r]] * _TWICE[p, r]
+        # By the points: of each of the first three with all, and of one on the crossing yarn; the
+        # others there are like it, or its negative.
+        for i in range(3):
+            for j in range(3):
+                k00, k01, k11 = k[0, 0, i, j], k[0, 1, i, j], k[1, 1, i, j]
+                k10, k02, k12 = k[0, 1, j, i], k[0, 2, i, j], k[1, 2, i, j]
+                stiffness[e, 0, i, 0, j] = k00
+                stiffness[e, 0, i, 1, j] = k01 - k00
+                stiffness[e, 0, i, 2, j] = -k01
+                stiffness[e, 1, i, 0, j] = k10 - k00
+                stiffness[e, 1, i, 1, j] = k00 - k01 - k10 + k11
+                stiffness[e, 1, i, 2, j] = k01 - k11
+                stiffness[e, 2, i, 0, j] = -k10
+                stiffness[e, 2, i, 1, j] = k10 - k11
+                stiffness[e, 2, i, 2, j] = k11
+                k20, k21, k22 = k[0, 2, j, i], k[1, 2, j, i], k[2, 2, i, j]
+                for p in range(3, points, 2):
+                    stiffness[e, 0, i, p, j], stiffness[e, 0, i, p + 1, j] = k02, -k02
+                    stiffness[e, 1, i, p, j], stiffness[e, 1, i, p + 1, j] = k12 - k02, k02 - k12
+                    stiffness[e, 2, i, p, j], stiffness[e, 2, i, p + 1, j] = -k12, k12
+                    stiffness[e, p, i, 0, j], stiffness[e, p + 1, i, 0, j] = k20, -k20
+                    stiffness[e, p, i, 1, j], stiffness[e, p + 1, i, 1, j] = k21 - k20, k20 - k21
+                    stiffness[e, p, i, 2, j], stiffness[e, p + 1, i, 2, j] = -k21, k21
+                    for r in range(3, points, 2):
+                        stiffness[e, p, i, r, j] = stiffness[e, p + 1, i, r + 1, j] = k22
+                        stiffness[e, p, i, r + 1, j] = stiffness[e, p + 1, i, r, j] = -k22
 
 
 def _by_law(squared, length, rigidity, moment, family):

@@ -14,8 +14,9 @@ from .state import Found, State
 # Forces taken as given are right to this share of their sum.
 SETTLED = 1e-3
 MOST_ROUNDS = 30
-# A first round seeks equilibrium only as well as what it takes as given is worth.
-FIRST = 10.0  # times the tolerance
+# A first round seeks equilibrium only as well as what it takes as given is worth: what is brought
+# up to date after it changes forces by some 50 times the tolerance.
+FIRST = 100.0  # times the tolerance
 # Before anything has pressed nothing rubs: equilibrium may be far away then, or nowhere.
 FEW = 3  # Newton steps of a first round
 
@@ -42,6 +43,8 @@ def settle(equilibrium: Equilibrium, guess: State) -> Found:
                 linear_iterations=sum(found.linear_iterations for found in rounds),
                 seconds=sum(found.seconds for found in rounds),
                 rounds=len(rounds),
+                factorisations=sum(found.factorisations for found in rounds),
+                evaluations=sum(found.evaluations for found in rounds),
             )
     history = [force for found in rounds for force in found.history]
     raise EquilibriumError(

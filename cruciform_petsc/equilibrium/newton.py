@@ -20,6 +20,7 @@ from petsc4py import PETSc
 from ..errors import EquilibriumError, InputError, LibraryError, SolverError
 from ..solvers.callbacks import callback, calling_back
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
+from .mending import Mending, is_definite
 from .model import Model
 from .search import step_length
 from .state import Found, State
@@ -32,7 +33,6 @@ RELATIVE_RESIDUAL = 1e-8
 ROUNDING = 1e-16
 MAX_ITERATIONS = 30
 MEMORY = 2  # earlier steps whose energies may be reached again
-FIRST_SHIFT, LAST_SHIFT = 1e-7, 1e2  # of the diagonal
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Equilibrium:
         self._before: np.ndarray | None = None  # positions of the last tangent
         self._recent: list[float] = []  # energies
         self._history: list[float] = []
-        self._shifted, self._shift = 0, FIRST_SHIFT
+        self._mending, self._shifted, self._evaluations = Mending(), 0, 0
         self._loose, self._few = 1.0, np.inf
         self._measure()
         self._settings, self._multigrid = tangent_settings(model, self._vector, options, prefix)
@@ -136,6 +136,7 @@ class Equilibrium:
         hold = self._start.hold
         state = self._start.moved(model.local(vector, hold))
         force, loads, energies = model.force(state)
+        self._evaluations += 1
         owned = model.nodes.num_nodes_owned
         free, balance = model.free(hold)[:owned], model.to_axes(force[:owned])
         bound = np.where(free, model.to_axes(loads[:owned]), balance)
@@ -186,48 +187,11 @@ class Equilibrium:
         check_solved(self.snes.ksp, self._multigrid)
         gradient = PETSc.Vec().createWithArray(here.gradient, comm=self.model.comm)
         slope = gradient.dot(step)
-        if not (slope > 0.0 and self._is_definite()):
-            slope = self._mend(gradient, step)
+        if not (slope > 0.0 and is_definite(self.snes.ksp)):
+            self._shifted += 1
+            slope = self._mending.mend(self.snes.ksp, self._matrix, gradient, step)
         gradient.destroy()
         step.scale(self._length(vector, step, here.energy, slope))
-
-    def _is_definite(self) -> bool:
-        """Whether the tangent last solved with had no negative eigenvalue, as far as is known."""
-        ksp = self.snes.ksp
-        if ksp.getConvergedReason() < 0:
-            return False
-        pc = ksp.getPC()
-        if pc.getType() != "cholesky" or pc.getFactorSolverType() != "mumps":
-            return True
-        return pc.getFactorMatrix().getMumpsInfog(12) == 0  # negative pivots
-
-    def _mend(self, gradient: PETSc.Vec, step: PETSc.Vec) -> float:
-        """Solve with a multiple of the diagonal added, as small as will do; returns the slope."""
-        self._shifted += 1
-        self._matrix.getDiagonal(self._diagonal)
-        self._diagonal.abs()
-        floor = 1e-3 * self._diagonal.max()[1]
-        owned = self._diagonal.getArray()
-        np.maximum(owned, floor, out=owned)
-        # Neighbours need about the same shift.
-        ksp, shift, added = self.snes.ksp, max(FIRST_SHIFT, 0.1 * self._shift), 0.0
-        scaled = self._diagonal.duplicate()
-        while shift <= LAST_SHIFT:
-            scaled.axpby(shift - added, 0.0, self._diagonal)
-            self._matrix.setDiagonal(scaled, PETSc.InsertMode.ADD_VALUES)
-            added = shift
-            ksp.setOperators(self._matrix)
-            ksp.solve(gradient, step)
-            slope = gradient.dot(step)
-            if slope > 0.0 and self._is_definite():
-                self._shift = shift
-                break
-            shift *= 4.0
-        else:  # steepest descent in the measure of the diagonal
-            step.pointwiseDivide(gradient, self._diagonal)
-            slope = gradient.dot(step)
-        scaled.destroy()
-        return slope
 
     def _length(self, vector, step, energy: float, slope: float) -> float:
         """How much of the step to take."""
@@ -261,6 +225,7 @@ class Equilibrium:
         self._start, self._last, self._before = guess, None, None
         self._loose, self._few = loose, few
         self._history, self._recent, self._shifted = [], [], 0
+        self._evaluations, self._mending.tries = 0, 0
         self._vector.set(0.0)
         try:
             with self._options(), calling_back(self.snes):
@@ -288,6 +253,8 @@ class Equilibrium:
             self._shifted,
             self.snes.getLinearSolveIterations(),
             time.perf_counter() - begin,
+            factorisations=self.snes.getIterationNumber() + self._mending.tries,
+            evaluations=self._evaluations,
         )
 
     def tangent_step(

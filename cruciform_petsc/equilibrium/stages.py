@@ -107,6 +107,8 @@ class Increment:
         Whether it is one that was asked for, rather than a step on the way.
     cuts : int
         How often a step failed and was halved before this one.
+    factorisations, evaluations : int
+        Tangents solved with, and how often forces were looked at, see Found.
     columns : dict of float or None
         What the test's curve tells of it, by column; None is for not a number.
     """
@@ -125,6 +127,8 @@ class Increment:
     seconds: float = 0.0
     asked: bool = False
     cuts: int = 0
+    factorisations: int = 0
+    evaluations: int = 0
     columns: dict[str, float | None] = field(default_factory=dict, repr=False)
 
 
@@ -155,5 +159,7 @@ class Step:
             sum(found.seconds for found in solved),
             asked,
             cuts,
+            sum(found.factorisations for found in solved),
+            sum(found.evaluations for found in solved),
         )
         return cls(last.state, measured.forces, increment)

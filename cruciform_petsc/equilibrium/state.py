@@ -96,6 +96,8 @@ class Found:
     seconds : float
     rounds : int
         How often it was sought, as what items take as given was brought up to date.
+    factorisations, evaluations : int
+        Tangents solved with, those that were mended included; and how often forces were looked at.
     """
 
     state: State
@@ -109,3 +111,5 @@ class Found:
     linear_iterations: int
     seconds: float
     rounds: int = 1
+    factorisations: int = 0
+    evaluations: int = 0

@@ -234,6 +234,11 @@ def solve_finite(
         state = test.result_state(path.state, Measured(step.increment.load, step.forces))
         spent = test.ply.dissipated(path.state)
         columns = found.row(state) | {f"dissipated_{how}_J": spent[how] for how in spent}
+        if experiment.test.speed is not None:
+            control, passed = start.time, 0.0
+            if done:
+                control, passed = done[-1].control, done[-1].columns["time_s"] or 0.0
+            columns["time_s"] = passed + test.seconds(control, step.state.time)
         columns |= watch.columns(step.state) if watch else {}
         increment = replace(step.increment, energies=energies, columns=columns)
         done.append(increment)

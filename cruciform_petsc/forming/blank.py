@@ -378,8 +378,13 @@ class Blank:
         return area
 
     def of_cloth(self, state: State) -> State:
-        """The state as the ply sees it."""
-        return cast(State, part_of(state, self.cloth_at))
+        """The state as the ply sees it, with what its items remember by their own names."""
+        cloth = cast(State, part_of(state, self.cloth_at))
+        if not self.name:
+            return cloth
+        named = {item.name: of_ply(item.name, self.name) for item in self.ply.items}
+        memory = {name: state.memory[of] for name, of in named.items() if of in state.memory}
+        return replace(cloth, memory={**state.memory, **memory})
 
     def tool_moments(self, state: State) -> dict[str, np.ndarray]:
         """Moments on the cloth by tools about their origins, (3,), N m. Collective."""
@@ -410,7 +415,10 @@ class Blank:
         flowed = state.memory["viscosity"]["spent"].sum()
         total = self.comm.allreduce(np.array([rubbed, flowed]))
         spent = {"friction": float(total[0]), "viscous": float(total[1])}
-        return spent | self.ply.dissipated(self.of_cloth(state))
+        for one in self.each:
+            for how, lost in one.ply.dissipated(one.of_cloth(state)).items():
+                spent[how] = spent.get(how, 0.0) + lost
+        return spent
 
     def slipped(self, state: State) -> tuple[dict[str, float], dict[str, float]]:
         """How far yarn ends have slipped in clamps at most [m], and what that took [J], by edge.

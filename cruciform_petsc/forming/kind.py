@@ -41,6 +41,7 @@ from .table import (
     below_cloth,
     check_course,
     check_pressure,
+    check_several,
     check_stages,
     course_of,
     laying_stages,
@@ -135,7 +136,7 @@ class Forming:
         self.stages = tables_of(StageTable, "stage", stages)
         self.clamps = tables_of(ClampTable, "clamp", clamps)
         if len(self.networks) > 1:
-            self._check_plies(test)
+            check_several(test, self.stages, self.clamps)
         for net in self.networks:
             test.check(net.preform, net.fabric)
             check_course(test, net.fabric, self.stages)
@@ -191,20 +192,6 @@ class Forming:
             one.thickness = blank.thickness
             one.suffix = f"_ply{number}" if several else ""
             blank.ply.cruciforms.course = course_of(test, self.stages)
-
-    def _check_plies(self, test: FormingTable) -> None:
-        """Refuse what several plies do not know."""
-        for what, there in (
-            ('test.model = "truss"', test.model == "truss"),
-            ("test.fishnet", test.fishnet is not None),
-            ("test.stability", test.stability is not None),
-            (
-                "fabric.shear_viscosity and shear_friction",
-                any(net.fabric.remembers for net in self.networks),
-            ),
-        ):
-            if there:
-                raise InputError(f"{what}: not for several plies, leave it or [[ply]] out")
 
     def _load(self) -> float:
         """What pushes the blank as a whole at most: its weight, pressures; Pa."""

@@ -16,7 +16,7 @@ from ..errors import InputError, Problems
 from ..fields import Name, Of, Point, Table, si_values
 from ..tools.tool import Friction
 from ..units import Quantity
-from .table import FormingTable, StageTable
+from .table import FormingTable, StageTable, check_several
 
 MOST = 8  # plies of a stack
 
@@ -120,12 +120,8 @@ def check_plies(
             problems.append(f'ply[{i}].name = "{name}" is another ply\'s name, too')
     if plies[0].friction:
         problems.append("ply[0].friction is with plies below it, and there is none")
-    if clamps:
-        problems.append("[[clamp]] is not for several plies yet: edges of a stack are free")
-    for i, stage in enumerate(stages):
-        for key in ("pressure", "suction"):
-            if getattr(stage, key) is not None:
-                problems.append(f"stage[{i}].{key} is not for several plies yet, leave it out")
+    with problems.caught():
+        check_several(test, stages, clamps)
     if test.symmetry and any(ply.place is not None for ply in plies):
         problems.append("ply.place and test.symmetry: planes of symmetry say where plies lie")
     problems.tell()

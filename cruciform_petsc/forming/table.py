@@ -508,6 +508,27 @@ def _across_planes(test: FormingTable, key: str, stage: StageTable) -> Iterator[
                 yield f'{key}.turn: tool "{name}" would turn out of {plane}'
 
 
+def check_several(
+    test: FormingTable, stages: Sequence[StageTable], clamps: Sequence[ClampTable] = ()
+) -> None:
+    """Raise InputError for what a forming of several plies does not know."""
+    problems = Problems()
+    for what, there in (
+        ('test.model = "truss"', test.model == "truss"),
+        ("test.fishnet", test.fishnet is not None),
+        ("test.stability", test.stability is not None),
+        ("[[clamp]]", bool(clamps)),
+        *(
+            (f"stage[{i}].{key}", getattr(stage, key) is not None)
+            for i, stage in enumerate(stages)
+            for key in PRESSURES
+        ),
+    ):
+        if there:
+            problems.append(f"{what} is not for several plies yet, leave it or [[ply]] out")
+    problems.tell()
+
+
 def check_pressure(
     test: FormingTable,
     preform: Preform,

@@ -79,9 +79,23 @@ def _columns(c: Comparison, **loads: np.ndarray) -> dict[str, Any]:
     }
 
 
-def law_line(calibration: Calibration) -> str:
-    """The line ``shear = { law = "table", ... }`` for a case file."""
-    points = zip(np.rad2deg(calibration.angles), 1e-3 * calibration.values, strict=True)
+def write_so_far(
+    comm: MPI.Intracomm, directory: Path, angles: np.ndarray, values: np.ndarray, step: str
+) -> None:
+    """Write law.toml after a step, for whom it is interrupted. Collective."""
+
+    def law() -> None:
+        with written_whole(directory / "law.toml") as temporary:
+            comment = f"# Not finished: the law after {step}."
+            lines = [comment, "[fabric]", law_line(angles, values), ""]
+            temporary.write_text("\n".join(lines), encoding="utf-8")
+
+    on_root(comm, law)
+
+
+def law_line(angles: np.ndarray, values: np.ndarray) -> str:
+    """The line ``shear = { law = "table", ... }`` for a case file, of rad and N/m."""
+    points = zip(np.rad2deg(angles), 1e-3 * values, strict=True)
     pairs = [f"[{angle:.6g}, {value:.{DIGITS}g}]" for angle, value in ((0.0, 0.0), *points)]
     return (
         f'shear = {{ law = "table", quantity = "{TORQUE}", angle = "deg", force = "N/mm", '
@@ -99,7 +113,7 @@ def law_file(calibration: Calibration, verdict: str) -> str:
         *calibration.remarks(),
     ]
     comments = [f"# {line}" for remark in remarks for line in wrap(remark, 98)]
-    return "\n".join([*comments, "[fabric]", law_line(calibration), ""])
+    return "\n".join([*comments, "[fabric]", law_line(calibration.angles, calibration.values), ""])
 
 
 def _compared(c: Comparison) -> dict[str, Any]:
@@ -161,7 +175,7 @@ def _summary(c: Calibration) -> dict[str, Any]:
         "ended_because": c.message,
         "seconds": c.seconds,
         "remarks": c.remarks(),
-        "law": law_line(c),
+        "law": law_line(c.angles, c.values),
     }
 
 

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..experiments.result import State as Fields
 from ..forming.draping import Draping
 from ..forming.measures import across, yarn_directions
-from ..quantities import quantity
+from ..quantities import energy_unit, quantity
 from . import paraview, pictures, scene
 from .formed import MM, tool_arrays
 from .provenance import provenance
@@ -63,7 +63,8 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
         "%.4g deg to the weft", x, y, ", ".join(f"{v + 0.0:.4g}" for v in net["place_mm"]),
         net["warp_heading_deg"], net["between_deg"],
     )  # fmt: skip
-    log.info("energy        shear %.4g mJ", 1e3 * net["shear_energy_j"])
+    unit, size = energy_unit(net["shear_energy_j"])
+    log.info("energy        shear %.4g %s", net["shear_energy_j"] / size, unit)
     if "least_energy" in net:
         text = "              the least of {nets} coarse nets, {coarse_energy_j:.4g} J; begun with "
         text += "{coarse_energy_before_j:.4g} J"

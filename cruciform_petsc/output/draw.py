@@ -145,8 +145,13 @@ def map_of(result: Any, what: str, ax: Given, state: int, title: str | None) -> 
         for name, values in columns.items()
         if values.ndim == 1 and not (name in NO_MAPS or name.endswith(("_x", "_y", "_z")))
     }
-    found = [name for name in known if name == what or name.startswith(f"{what}_")]
-    found = [what] if what in found else found
+    begun = [name for name in known if name.startswith(f"{what}_")]
+    found = [what] if what in known else begun
+    if len(begun) > 1 and what not in known:
+        raise InputError(f'map "{cut(what)}" may be any of {", ".join(begun)}: give a whole name')
+    within = [name for name in known if what and what in name]
+    if not found and within:
+        raise InputError(f'there is no map "{cut(what)}", did you mean {" or ".join(within)}?')
     if len(found) != 1:
         raise unknown(f'map "{cut(what)}"', what, known)
     column = quantity(found[0])

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 ZONES = {"middle": "middle zone", "side": "side zones", "clamp": "at the clamps"}
 CLOSED_FORM = "closed form, yarns neither stretch nor bend"
+HEIGHT_LABEL = "height out of the plane (mm)"
+ROUNDING_MM = 1e-6  # heights below are none
 STAGES = 4  # states side by side
 MOST_FRAMES = 40  # of an animation
 
@@ -201,9 +203,26 @@ def _yarns(result: TestResult, title: str) -> partial[Figure]:
 
 def _colours(result: TestResult, state: State | None = None) -> tuple[list | None, str]:
     """What yarns of a state, the last, are coloured by, as sample_yarns takes it, and its label."""
-    if result.experiment.colour == "tension":
+    colour = colour_of(result)
+    if colour == "tension":
         return list(_tensions(result, state).values()), "tension (N per yarn)"
+    if colour == "height":
+        return 2 * [_heights(result, state)], HEIGHT_LABEL
     return None, pictures.ANGLE_LABEL
+
+
+def colour_of(result: TestResult) -> str:
+    """What yarns are coloured by: as the kind of test has it, or where cloth does not shear."""
+    experiment = result.experiment
+    if experiment.space and experiment.colour == "shear angle" and not _shears(result.curve()):
+        return "height"
+    return experiment.colour
+
+
+def _heights(result: TestResult, state: State | None = None) -> np.ndarray:
+    """Height of the crossovers out of the plane in a state, the last, mm; (n,)."""
+    fields = (state or result.states[-1]).fields
+    return np.where(fields["carrying"], 1e3 * fields["displacement"][:, 2], np.nan)
 
 
 def _stages(result: TestResult, title: str) -> partial[Figure]:
@@ -474,10 +493,14 @@ def _maps(
     drawn: Drawn = {}
     uniform: dict[str, str] = {}
     in_units: dict[str, Any] = {"label": f"tension ({unit} per yarn)"}
-    for name, what, values, unit, size, rounding, options in (
+    maps: list[tuple[str, str, dict[str, Any], str, float, float, dict[str, Any]]] = [
         ("shear_map.png", "Shear angle", shear, "°", 1.0, pictures.ROUNDING_DEG, compared),
         ("tension_map.png", "Tension", tensions, " N per yarn", newton, ROUNDING_N, in_units),
-    ):
+    ]
+    if result.experiment.space:
+        heights, label = {"": _heights(result)}, {"label": HEIGHT_LABEL}
+        maps.insert(0, ("height_map.png", "Height", heights, " mm", 1.0, ROUNDING_MM, label))
+    for name, what, values, unit, size, rounding, options in maps:
         told = uniform_text(network.comm, what, values, rounding, unit)
         if told is None:
             scaled = {key: value / size for key, value in values.items()}

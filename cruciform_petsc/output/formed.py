@@ -367,8 +367,9 @@ def tell_outcome(log: logging.Logger, summary: Mapping[str, Any], directory: Pat
     for name, of in summary.get("between_plies", {}).items():
         text = "%-13s compacted by %.3g mm at most, pressed with up to %.3g kPa"
         log.info(text, name, of["compaction_max_mm"], of["pressure_max_kpa"])
-    energies = {mode: round(1e3 * e, 3) + 0.0 for mode, e in summary["energy_j"].items()}
-    texts = [f"{mode.replace('_', ' ')} {e:.4g} mJ" for mode, e in energies.items()]
+    unit, size = energy_unit(list(summary["energy_j"].values()))
+    energies = {mode: round(e / size, 3) + 0.0 for mode, e in summary["energy_j"].items()}
+    texts = [f"{mode.replace('_', ' ')} {e:.4g} {unit}" for mode, e in energies.items()]
     log.info("energy        %s", ", ".join(texts))
     continuum = summary.get("continuum", {})
     if "force_ratio" in continuum:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, shown
 from ..parallel import on_root
 from .sample import MapSample, YarnSample
 from .tables import written_whole
@@ -98,8 +98,13 @@ def draw(comm: MPI.Intracomm, make: Callable[..., Any], ax: Given = None) -> Any
         from matplotlib import pyplot, rc_context
 
         if ax is not None:
-            make(ax=ax)
             every = np.ravel(np.array(ax, dtype=object))
+            if any(not hasattr(one, "transAxes") for one in every):
+                raise InputError(
+                    f"ax must be axes of matplotlib's, got {shown(ax)}: to have a file, save the "
+                    'figure of what is returned, as in result.map().figure.savefig("map.png")'
+                )
+            make(ax=ax)
             wrap_titles(every[0].figure, every)
             drawn.append(ax)
             return

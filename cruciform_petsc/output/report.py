@@ -27,6 +27,7 @@ from ..quantities import (
     tension_text,
 )
 from ..units import format_si
+from .figures import colour_of
 from .log import last, stability_texts
 from .tables import written_whole
 from .view import View, packed, view_of_test
@@ -50,6 +51,7 @@ MAPS = {  # {at}: the last value asked for
     "wrinkles.png": "Height of waves that no tool has, over and below their neighbourhood.",
     "yarns.png": "Yarns before and after the test, coloured by {colour}.",
     "shear_map.png": "Shear angle {at}, drawn on the undeformed specimen.",
+    "height_map.png": "Height out of the plane {at}, drawn on the undeformed specimen.",
     "tension_map.png": "Tension of the yarns {at}, drawn on the undeformed specimen.",
     "with_and_without_bending.png": "The same with and without yarns that resist bending.",
 }
@@ -130,6 +132,7 @@ def write_report(
     view = view_of_test(result)
     curve, experiment = result.curve(states=True), result.experiment
     at, captions = last_control(curve), CAPTIONS | experiment.captions
+    colour = colour_of(result)
     maps = [directory / name for name in MAPS if name in pictures]
     curves = [directory / name for name in pictures if name not in MAPS]
 
@@ -138,7 +141,7 @@ def write_report(
             "key_figures": _key_figures(experiment, summary),
             "note": f"{_sentence(at)} Largest yarn tension: "
             f"{tension_text(summary['yarn_tension_max'])}.{_closed_form(summary)}",
-            "maps": gallery(maps, captions, at, experiment.colour),
+            "maps": gallery(maps, captions, at, colour),
             "striped": experiment.cut_across and any(p.name.endswith("_map.png") for p in maps),
             "curves": gallery(curves, captions),
             "results": curve_table(curve),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -178,30 +179,39 @@ class LinearNetwork:
         Symmetric; prescribed and non-existing unknowns have a diagonal entry only. With ``reuse``
         (a matrix made here before) only values change. The caller destroys the matrix.
         """
-        pattern = self._pattern
-        blocks = pattern.empty_blocks()
-        for group, (matrix, _) in zip(self.groups, self._condense(modes), strict=True):
-            self._add(blocks, group, matrix)
-        d, owned = self.unknowns_per_node, self.network.num_nodes_owned
-        diagonal = np.arange(d)
-        blocks[pattern.diagonal[:, None], diagonal, diagonal] += np.where(
-            self.free[:owned], 0.0, self.typical_stiffness
-        )
-        result = pattern.matrix(blocks, reuse, self._layout)
+        which, matrices = self._stack([matrix for matrix, _ in self._condense(modes)])
+        owned = self.network.num_nodes_owned
+        idle = np.where(self.free[:owned], 0.0, self.typical_stiffness)
+        result = self._pattern.sum(self._layout, which, matrices, idle, reuse)
         result.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         result.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         result.setOption(PETSc.Mat.Option.SPD, set(modes or self.modes) == set(self.modes))
         return result
 
-    def _add(self, blocks: np.ndarray, group: _Group, matrix: np.ndarray) -> None:
-        """Add a group's matrices (m or 1, k, k) to blocks, without what is not free."""
-        free = self._element_values(group, self.free)
-        whole = free.all(axis=1)  # nearly all of them, away from clamps
-        self._pattern.add(blocks, group.rows[whole], matrix if len(matrix) == 1 else matrix[whole])
-        free = free[~whole].astype(matrix.dtype)
-        matrix = matrix if len(matrix) == 1 else matrix[~whole]
-        matrix = matrix * free[:, :, None] * free[:, None, :]
-        self._pattern.add(blocks, group.rows[~whole], matrix)
+    def _stack(self, matrices: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Number of each owned crossover's matrix, -1 for none, and the matrices.
+
+        ``matrices`` are those of the groups. The one of all regular crossovers comes first; where
+        some unknowns are not free there is another without them.
+        """
+        which, masks = self._distinct
+        held = [matrix * mask for matrix, mask in zip(matrices, masks, strict=True)]
+        return which, np.concatenate([matrices[0], *held])
+
+    @cached_property
+    def _distinct(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """See _stack; masks (m, k, k) of the matrices beside the first, by group."""
+        which = np.full(self.network.num_crossovers_owned, -1, np.int32)
+        regular, boundary = (group.rows for group in self.groups)
+        which[regular] = 0
+        whole = self.free.all(axis=1)[self.network.arm_node[regular]].all(axis=1)
+        rows, masks, end = (regular[~whole], boundary), [], 1
+        for part in rows:
+            which[part] = np.arange(end, end + len(part))
+            end += len(part)
+            free = self.free[self.network.arm_node[part]].reshape(len(part), self._kept)
+            masks.append(free[:, :, None] & free[:, None, :])
+        return which, masks
 
     @cached_property
     def _pattern(self) -> BlockPattern:
@@ -214,16 +224,14 @@ class LinearNetwork:
         In the yarn frame two fifths of the entries are zero, whatever the moduli. Modes count alike
         here, so that a soft one's entries stand clear of the rounding of a stiff one's.
         """
-        pattern = self._pattern
-        blocks = pattern.empty_blocks(bool)
-        blocks[pattern.diagonal] = np.eye(self.unknowns_per_node, dtype=bool)
+        there = []
         for group in self.groups:
             alike = {mode: part / _largest(part) for mode, part in group.parts.items()}
             sums = [np.sum([*alike.values()], 0), *alike.values()]
             matrices = [kernels.condense(part, self._kept)[0] for part in sums]
-            there = [abs(matrix) > STRUCTURE * _largest(matrix) for matrix in matrices]
-            self._add(blocks, group, np.any(there, axis=0))
-        return pattern.layout(pattern.collect(blocks))
+            stands_clear = [abs(matrix) > STRUCTURE * _largest(matrix) for matrix in matrices]
+            there.append(np.any(stands_clear, axis=0))
+        return self._pattern.layout(*self._stack(there))
 
     @property
     def typical_stiffness(self) -> float:

@@ -39,7 +39,7 @@ from cruciform_petsc.experiments import net_kinematics
 from cruciform_petsc.experiments.net_kinematics import net_angle
 from cruciform_petsc.laws import linear, odd_polynomial, table
 from cruciform_petsc.net.network import Network
-from cruciform_petsc.output.calibration import figure
+from cruciform_petsc.output.calibration import figure, write_so_far
 
 DEMOS = Path(__file__).parents[2] / "demos"
 GLASS_PP = Fabric.from_library("glass-pp-plain-1.93")
@@ -579,10 +579,16 @@ def test_knots_where_the_data_begin():
     assert abs(found.residuals[0]) < 0.05
 
 
-def test_a_point_that_rules_is_named():
+def test_a_point_that_rules_is_named(tmp_path):
+    """And the law after each step is a file, for whom the search is interrupted."""
     curve = frame_curve(displacement=np.linspace(3e-3, 34e-3, 16))
     curve.force[8] *= 1.5
-    found = calibrate(frame(), curve, kind="picture-frame")
+    kept = partial(write_so_far, MPI.COMM_SELF, tmp_path)
+    found = calibrate(frame(), curve, kind="picture-frame", stepped=kept)
+    law = (tmp_path / "law.toml").read_text()
+    assert law.startswith(f"# Not finished: the law after step {found.iterations}, RMS ")
+    points = np.array(tomllib.loads(law)["fabric"]["shear"]["points"])
+    np.testing.assert_allclose(points[1:, 1], 1e-3 * found.values, rtol=1e-3)
     text = next(remark for remark in found.remarks() if "makes up" in remark)
     assert text.startswith("The point at 19.53 mm, ")
     others = 100.0 * np.sqrt(np.mean(np.delete(found.residuals, 8) ** 2))

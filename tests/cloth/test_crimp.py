@@ -9,7 +9,7 @@ from scipy.optimize import brentq, minimize
 from support.biaxial import CRIMP
 from support.helpers import UNEVEN
 
-from cruciform_petsc.cloth.crimp import interchange, uniaxial_modulus
+from cruciform_petsc.cloth.crimp import Crimp, interchange, uniaxial_modulus
 from cruciform_petsc.laws import linear, table
 
 (P1, P2), (H1, H2) = CRIMP.pitch, CRIMP.height
@@ -89,6 +89,16 @@ def test_crimp_interchange():
     straight = interchange(CRIMP, CRIMP.crimp[0] * (1.0 - 1e-12))
     assert straight == pytest.approx(SHORTEST, abs=1e-7)
     assert np.isnan(interchange(CRIMP, 1.001 * CRIMP.crimp[0]))
+
+
+def test_no_number_where_heights_are_not_found():
+    """Yarns that hardly bend or flatten, half as long: 80 trials do not do it."""
+    crimp = Crimp(
+        (1.1165e-3, 3.9534e-4), (1.4223e-6, 6.397e-7), (63.925, 73352.0), (2.734e-12, 7.8104e-6),
+        linear(1.6546e8),
+    )  # fmt: skip
+    assert np.isnan(crimp.law.evaluate(0.19191, -0.41137, 0.011586)[1]).all()
+    assert np.isfinite(crimp.law.evaluate(0.01, -0.01, 0.011586)[1]).all()
 
 
 def test_free_weft():

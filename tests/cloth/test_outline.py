@@ -11,11 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from mpi4py import MPI
 
 from cruciform_petsc import Case, InputError, Preform
 from cruciform_petsc.case.schema import OutputTable
 from cruciform_petsc.cloth.drawing import outline_of, read_drawing
+from cruciform_petsc.cloth.fabric import Fabric
 from cruciform_petsc.cloth.preform import OutlineTable, PreformTable
+from cruciform_petsc.net.network import Network
 from cruciform_petsc.output.checkpoint import determines
 
 PI = np.pi
@@ -98,6 +101,38 @@ def test_what_is_left_of_a_curve_that_is_cut():
     edges = table(outline).build().edges
     assert "corner-1" not in edges
     assert "corner-3" in edges
+
+
+def test_slits_along_yarns_are_asked_about():
+    """They take crossovers away; where the question says, they take none, at any pitch."""
+    yarn = {"modulus": "200 N/cm", "poisson": 0, "yarns": "2 /cm", "yarn_bending": "0.1 N mm^2"}
+    fabric = Fabric.from_table("f", {"warp": yarn, "weft": yarn, "shear": {"modulus": "1 N/cm"}})
+
+    def crossovers(preform):
+        return Network(MPI.COMM_SELF, preform, fabric).num_crossovers_global
+
+    def cut(**more):
+        return Preform.shape({"cross": ["90 mm", "30 mm"], **more}, "0 deg", origin=origin)
+
+    origin = None
+    assert cut().questions(fabric) == []
+    on = cut(arm_slits=5)
+    assert crossovers(on) < crossovers(cut())
+    (question,) = on.questions(fabric)
+    assert question == (
+        "10 yarns lie on slits of the outline and end there, as if cut away: "
+        "moving preform.origin by -2.5 mm in x and 2.5 mm in y puts the slits between yarns"
+    )
+    origin = (-0.0025, 0.0475)
+    assert cut(arm_slits=5).questions(fabric) == []
+    assert crossovers(cut(arm_slits=5)) == crossovers(cut())
+    (question,) = cut(arm_slits=11).questions(fabric)  # 2.5 mm apart
+    assert question.endswith("as if cut away: choose slits that fit between the yarns")
+    # One slit along one yarn, a side along another.
+    origin = (0.0, 0.0)
+    one = {"rectangle": ["30 mm", "40 mm"], "slits": [[["5 mm", "10 mm"], ["5 mm", "40 mm"]]]}
+    (question,) = Preform.shape(one, "0 deg", origin=origin).questions(fabric)
+    assert question.startswith("1 yarn lies on a slit of the outline and ends there")
 
 
 def test_edges_between_points():

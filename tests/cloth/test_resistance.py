@@ -6,7 +6,7 @@ import math
 import pytest
 
 from cruciform_petsc import Fabric
-from cruciform_petsc.cloth.resistance import ShearViscosity
+from cruciform_petsc.cloth.resistance import ShearFriction, ShearViscosity
 from cruciform_petsc.errors import InputError
 
 
@@ -52,6 +52,16 @@ def test_units_of_people():
 def test_bad_values(changes, said):
     with pytest.raises(InputError, match=said):
         made(**changes)
+
+
+def test_too_large_in_python():
+    """As for other numbers of a fabric: within which bounds it has to be."""
+    with pytest.raises(InputError, match=r"shear_viscosity.viscosity must be from .* to 1e\+12"):
+        ShearViscosity(1e13)
+    with pytest.raises(InputError, match=r"fabric.shear_friction.torque must be from .*1e\+10 N/c"):
+        ShearFriction(1e13)
+    with pytest.raises(InputError, match=r"viscosity must be positive and finite, got inf"):
+        ShearViscosity(math.inf)
 
 
 def test_arrhenius():

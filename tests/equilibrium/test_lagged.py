@@ -30,7 +30,7 @@ class Pushed:
         self.loose.append(loose)
         self.few.append(few)
         x = np.full((1, 3), guess.memory["push"]["force"])
-        return Found(replace(guess, x=x), {}, x, 2, loose, 1.0, [1.0, loose], 1, 3, 0.5)
+        return Found(replace(guess, x=x), {}, x, 2, loose, 1.0, [1.0, loose], 1, 3, 0.5, 1, 2, 4)
 
     def lagged(self, state):
         force = 10.0 - self.back * state.x[0, 0]
@@ -54,6 +54,7 @@ def test_it_settles(back):
     assert found.iterations == 2 * found.rounds
     assert (found.shifted, found.linear_iterations) == (found.rounds, 3 * found.rounds)
     assert found.seconds == pytest.approx(0.5 * found.rounds)
+    assert (found.factorisations, found.evaluations) == (2 * found.rounds, 4 * found.rounds)
 
 
 @pytest.mark.parametrize("known", [0.0, 10.0])

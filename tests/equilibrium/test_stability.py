@@ -84,6 +84,17 @@ def test_step_along_the_mode(step):
     assert abs(moved).max() == pytest.approx(2.043e-4, rel=1e-3)
 
 
+def test_keeps_to_its_side():
+    """However much longer than before steps are: heights rise with the root of the control."""
+    way = [f"-{2 * 4**k} um" for k in range(5)]
+    test = OffAxisTension(strip(10), way, space=True, stability={"step": "0.05 mm"})
+    result = test.solve()
+    moved = [state.fields["displacement"][:, 2] for state in result.states]
+    assert (np.array([z.min() for z in moved]) > -1e-9).all()
+    assert (np.diff(result.heights_max) > 0.0).all()
+    assert sum(step.iterations for step in result.increments) < 45
+
+
 def test_unstable_branch():
     """With branch = false the strut stays straight, and the load goes on rising with it."""
     keys = {"space": True, "stability": {"branch": False}}

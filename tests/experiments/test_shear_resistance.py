@@ -71,6 +71,7 @@ def test_viscosity_of_a_frame():
         )
         angle, more = torque(curve)
         seconds = np.diff(1e-3 * curve["crosshead_mm"], prepend=0.0) / speed
+        np.testing.assert_allclose(curve["time_s"], np.cumsum(seconds), rtol=1e-9)
         rate = np.diff(angle, prepend=0.0) / seconds
         np.testing.assert_allclose(more, 1000.0 * rate, rtol=1e-6)
         spent = np.cumsum(1000.0 * rate**2 * seconds) * SIDE**2
@@ -107,7 +108,7 @@ def test_thinning_and_temperature():
 def bias(resistance, values=("4 mm", "1 mm", "4 mm"), increments=12, **keys):
     preform = Preform.rectangle("20 mm", "40 mm", bias_angle="45 deg")
     network = Network(MPI.COMM_SELF, preform, fabric(**resistance))
-    return BiasExtension(network, list(values), increments=increments, **keys)
+    return BiasExtension(network, list(values) or None, increments=increments, **keys)
 
 
 def work_of(curve):
@@ -115,6 +116,16 @@ def work_of(curve):
     way = np.append(0.0, 1e-3 * curve["extension_mm"])
     load = np.append(0.0, curve["load_N"])
     return np.cumsum(0.5 * (load[1:] + load[:-1]) * np.diff(way))
+
+
+def test_loads_below_that_of_the_fluid():
+    """Yarns stretch by what the fluid takes at once; no step goes past its load and comes back."""
+    first = bias({"shear_viscosity": FLUID}, ["0.01 mm"], 1, speed=SPEED).solve().load
+    loads = [share * first for share in (0.1, 0.5, 0.9, 1.1)]
+    curve = bias({"shear_viscosity": FLUID}, (), 4, speed=SPEED, load=loads).solve().curve()
+    np.testing.assert_allclose(curve["load_N"][curve["asked"] > 0], loads, rtol=1e-7)
+    for name in ("load_N", "extension_mm", "time_s", "dissipated_in_shear_J"):
+        assert (np.diff(curve[name]) > 0.0).all(), name
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: MIT
 """Cups of cloth whose shear flows and rubs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support.formed import cloth, network
 from support.forming import formed, kept, same_end, written
 
 from cruciform_petsc.case.schema import Case
 from cruciform_petsc.errors import InputError
+from cruciform_petsc.forming.blank import Blank
 from cruciform_petsc.output.checkpoint import Checkpoint
 
 COMM = MPI.COMM_SELF
@@ -93,3 +97,21 @@ def test_goes_on_from_a_checkpoint(tmp_path):
 def test_time_and_temperature_that_do_not_fit(tmp_path, told, said):
     with pytest.raises(InputError, match=said):
         Case.load(written(tmp_path, *told))
+
+
+def test_each_ply_of_a_stack_remembers():
+    """Two plies sheared alike have lost twice what one has, and each ply by its own name."""
+    fabric = cloth(shear_friction={"torque": "20 N/m"})
+    lost = []
+    for count in (1, 2):
+        blank = Blank([network((20, 20), fabric) for _ in range(count)], [])
+        state = blank.start()
+        x = state.x + 0.3 * state.x[:, 1:2] * [1.0, 0.0, 0.0]
+        state = replace(state, x=x, time=1.0)
+        state = replace(state, memory=blank.model.accepted(state))
+        lost.append(blank.spent(state)["in_shear"])
+        for one in blank.each:
+            own = one.ply.dissipated(one.of_cloth(state))["in_shear"]
+            assert own == pytest.approx(lost[-1] / count)
+    assert lost[1] == pytest.approx(2.0 * lost[0])
+    assert lost[0] > 0.0

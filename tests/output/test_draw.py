@@ -138,8 +138,14 @@ def test_maps(strip):
 def test_what_there_is_not(strip, runs):
     with pytest.raises(InputError, match=r'no picture "zone" \(did you mean "zones"\?'):
         strip.plot(what="zone")
-    with pytest.raises(InputError, match=r'no map "tension" \(.*known: .*"weft_tension_N_per_mm"'):
+    with pytest.raises(InputError, match=r'"tension", did you mean warp_tension_N\w+ or weft_t'):
         strip.map("tension")
+    with pytest.raises(InputError, match=r'map "warp" may be any of warp_\w+, warp_'):
+        Result.load(runs / "cup").map("warp")
+    with pytest.raises(InputError, match=r'no map "height" \(.*known: .*"weft_tension_N_per_mm"'):
+        strip.map("height")
+    with pytest.raises(InputError, match=r"got 'x.png': to have a file, save the figure"):
+        strip.map("shear", "x.png")
     with pytest.raises(InputError, match="2 states, index 2"):
         strip.map(state=2)
     with pytest.raises(InputError, match="needs 1 axes to be drawn into, got 2"):

@@ -23,6 +23,7 @@ from cruciform_petsc import (
     PictureFrame,
     Preform,
 )
+from cruciform_petsc.cloth.fabric import YarnFamily
 from cruciform_petsc.experiments.biaxial_load import BiaxialLoad
 from cruciform_petsc.output import figures, pictures
 from cruciform_petsc.output.sample import sample_map, sample_yarns
@@ -337,6 +338,24 @@ def test_tension_maps(small):
     ]
     assert cells[0].norm is cells[1].norm
     assert bar.get_ylabel() == f"tension ({unit} per yarn)"
+
+
+def test_heights_of_a_strut():
+    """Cloth in space has a map of them; where it does not shear its yarns have their colours."""
+    cloth = YarnFamily(4e5, 0.0, 100.0, 1e-4, 1e-3)
+    network = Network(COMM, Preform.rectangle(0.02, 0.1, 0.0), Fabric("f", cloth, cloth, 1e3))
+    result = OffAxisTension(network, "-10 um", space=True, stability={"modes": 1}).solve()
+    heights = 1e3 * result.fields["displacement"][:, 2]
+    assert abs(heights).max() > 0.1
+    figure = drawn(result, "height_map.png", "a strut")
+    axes, bar = figure.axes
+    check_map(axes, network, heights)
+    assert bar.get_ylabel() == "height out of the plane (mm)"
+    assert figure.get_suptitle() == "a strut\nheight at extension -0.01 mm, on the cloth at rest"
+    axes, bar = drawn(result, "yarns.png").axes
+    check_yarns(axes, result, result.states[-1], values=[heights, heights])
+    assert bar.get_ylabel() == "height out of the plane (mm)"
+    assert "shear_map.png" not in figures.figures(result)[0]
 
 
 def test_bars_have_zero_below(small):

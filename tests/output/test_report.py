@@ -396,6 +396,12 @@ def test_check_asks_what_a_shear_table_is(caplog):
     assert "quantity" not in checked(caplog, None, fabric={"shear": points})
 
 
+def test_check_tells_a_truss(caplog):
+    """Of nothing else it would be known which model a result is of."""
+    assert "pin-jointed bars" not in checked(caplog, None)
+    assert 'model "truss": pin-jointed bars' in checked(caplog, None, test={"model": "truss"})
+
+
 def test_log_tells_heights_and_what_was_dissipated(caplog, tmp_path):
     """Beside the energy, which is what the cloth gives back."""
     case = made(

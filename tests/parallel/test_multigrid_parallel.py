@@ -302,6 +302,6 @@ def test_local_rows_and_values():
     ones = np.concatenate([np.zeros(end - begin), np.ones(len(ghost))])
     halo.reverse(ones)
     assert COMM.allreduce(ones[: end - begin].sum()) == COMM.allreduce(len(ghost))
-    write_values(matrix, value[::-1].copy(), column, np.arange(len(value)))
+    write_values(matrix, lambda values: np.copyto(values, value[::-1]), column)
     np.testing.assert_array_equal(matrix.getValuesCSR()[2], value[::-1])
     matrix.destroy()
