@@ -11,8 +11,8 @@ from cruciform_petsc.errors import EquilibriumError
 from cruciform_petsc.solvers import splines
 
 COMM = MPI.COMM_WORLD
-# Strips are cut where ranks meet. Measured: 10, 17 and 20 through this stroke.
-MOST = {1: 15, 2: 25, 3: 30}
+# Strips are cut where ranks meet. Measured: 10, 17 and 27 through this stroke.
+MOST = {1: 15, 2: 25, 3: 40}
 
 
 @pytest.mark.three_ranks
