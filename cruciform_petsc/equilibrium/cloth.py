@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from petsc4py import PETSc
 
 from ..items.ply import Ply
+from ..net.joined import JoinedNodes
+from ..net.nodes import Nodes
 from ..solvers.multigrid import Hierarchy, Unknowns, hierarchy
+from ..solvers.splines import InSpace, Points
 from ..solvers.yarns import OnYarns
 from .model import Model
 from .state import Hold
@@ -19,7 +22,11 @@ from .state import Hold
 def model_of(ply: Ply) -> Model:
     """The model of a single ply. Collective."""
     fabric = ply.network.fabric
-    multigrid = partial(_hierarchy, ply) if ply.dim == 2 and ply.slip is None else None
+    multigrid: InSpace | Callable[[PETSc.Mat], Hierarchy] | None = None
+    if ply.dim == 3:
+        multigrid = in_space(ply.nodes, [ply], [np.arange(ply.nodes.num_nodes_owned)])
+    elif ply.slip is None:
+        multigrid = partial(_hierarchy, ply)
     return Model(ply.nodes, ply.items, ply.active, fabric.c11 + fabric.c22, multigrid)
 
 
@@ -37,6 +44,30 @@ def holder(ply: Ply) -> Callable[[list], Hold]:
 
 def _hierarchy(ply: Ply, matrix: PETSc.Mat) -> Hierarchy:
     return hierarchy(matrix, unknowns_of(ply))
+
+
+def in_space(nodes: Nodes | JoinedNodes, plies: Sequence[Ply], at: Sequence[np.ndarray]) -> InSpace:
+    """A multigrid of plies in space; ``at``: nodes here of each ply's (see JoinedNodes)."""
+    return InSpace(partial(_points, nodes, plies, at))
+
+
+def _points(nodes: Nodes | JoinedNodes, plies: Sequence[Ply], at: Sequence[np.ndarray]) -> Points:
+    """Nodes in space as the multigrid's points.
+
+    Coarse displacements go along warp and weft at rest, and across the cloth; nodes of no ply are
+    bodies.
+    """
+    owned = nodes.num_nodes_owned
+    lattice, place = np.full(owned, -1), np.zeros((owned, 2))
+    axes, owners = nodes.frame[:owned].copy(), []
+    for k, (ply, here) in enumerate(zip(plies, at, strict=True)):
+        network, own = ply.network, here[: ply.nodes.num_nodes_owned]
+        lattice[own] = k
+        rest = ply.nodes.rest[: len(own), :2]
+        place[own] = network.to_yarn(rest - network.origin) / network.pitch
+        axes[own, :, :2] = network.to_yarn(axes[own, :, :2])
+        owners.append(network.partition.owner)
+    return Points(owners, lattice, place, axes)
 
 
 def unknowns_of(ply: Ply) -> Unknowns:

@@ -25,6 +25,7 @@ from ..net.joined import JoinedNodes
 from ..net.nodes import Nodes
 from ..solvers.multigrid import Hierarchy
 from ..solvers.pattern import BlockPattern
+from ..solvers.splines import InSpace
 from .state import Hold, State
 
 PATTERN = "pattern"  # of a matrix: the one it was made with
@@ -42,8 +43,8 @@ class Model:
         Nodes that carry something; by default all.
     stiffness_scale : float
         Of the size of the largest diagonal entries, N/m: for idle entries, and for rounding.
-    multigrid : callable, optional
-        Gives the hierarchy of a multigrid for a tangent.
+    multigrid : callable or InSpace, optional
+        In the plane: gives the hierarchy of a multigrid for a tangent. Or one in space.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class Model:
         items: Sequence[Item],
         active: np.ndarray | None = None,
         stiffness_scale: float = 1.0,
-        multigrid: Callable[[PETSc.Mat], Hierarchy] | None = None,
+        multigrid: Callable[[PETSc.Mat], Hierarchy] | InSpace | None = None,
     ):
         self.nodes, self.items, self.comm = nodes, list(items), nodes.comm
         self.dim = nodes.rest.shape[1]

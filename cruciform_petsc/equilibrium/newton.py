@@ -19,14 +19,13 @@ from petsc4py import PETSc
 
 from ..errors import EquilibriumError, InputError, LibraryError, SolverError
 from ..solvers.callbacks import callback, calling_back
-from ..solvers.failures import check_factor
 from ..solvers.options import PREFIX, petsc_options, reason_name, set_from_options
 from .mending import Mending, is_definite
 from .model import Model
 from .reuse import FINER, NEAR, go_on, is_reusable
 from .search import step_length
 from .state import Found, State
-from .tangents import fitting, prepare, tangent_settings
+from .tangents import check_solved, fitting, prepare, tangent_settings
 
 # Residual over the forces that clamps and loads exert (norms over all unknowns). The load is then
 # right to the square of it, near enough: Newton's last step is quadratic.
@@ -187,7 +186,7 @@ class Equilibrium:
     def _before_step(self, vector, step) -> None:
         """Make SNES's step (which it subtracts) lead downhill and be of the right length."""
         here = self._evaluate(vector)
-        check_factor(self.snes.ksp.getPC())
+        check_solved(self.snes.ksp, self._multigrid)
         gradient = PETSc.Vec().createWithArray(here.gradient, comm=self.model.comm)
         slope = gradient.dot(step)
         if not (slope > 0.0 and is_definite(self.snes.ksp)):

@@ -4,34 +4,53 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Union
 
 from petsc4py import PETSc
 
 from ..solvers.callbacks import callback
+from ..solvers.failures import check_factor
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Hierarchy
 from ..solvers.options import COUNTING, DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
+from ..solvers.splines import SMOOTHER, InSpace, SplineMultigrid, check_iterations
 from .model import PATTERN, Model
 from .state import State
 
 STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
+# Up to here tangents in space are factorised by default: as fast, and negative pivots are counted.
+LIMIT_IN_SPACE = 1_000_000
+Multigrid = Union["TangentMultigrid", SplineMultigrid]
+IN_SPACE = {
+    "ksp_type": "cg",
+    "ksp_rtol": STEP,
+    "ksp_max_it": 300,
+    "ksp_norm_type": "unpreconditioned",
+    "pc_mg_cycle_type": "v",
+    **SMOOTHER,
+    **{f"mg_coarse_{key}": value for key, value in COUNTING.items()},
+}
 
 
 def tangent_settings(
     model: Model, like: PETSc.Vec, options: Mapping[str, object] | None, prefix: str
-) -> tuple[dict[str, object], TangentMultigrid | None]:
+) -> tuple[dict[str, object], Multigrid | None]:
     """Options for SNES by size and by what the preconditioner is to be; and a multigrid for it.
 
     ``like``: a vector of unknowns; ``options`` overrule the defaults, the database overrules all.
     """
     options = dict(options or {})
-    small = like.getSize() <= DIRECT_LIMIT or model.multigrid is None
+    limit = LIMIT_IN_SPACE if model.dim == 3 else DIRECT_LIMIT
+    small = like.getSize() <= limit or model.multigrid is None
     default = str(options.get("pc_type", "cholesky" if small else "mg"))
     kind = PETSc.Options(prefix).getString("pc_type", default)
     settings: dict[str, object] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
     if kind in ("cholesky", "lu"):
         return {**settings, **COUNTING, **options}, None
-    if kind == "mg" and model.multigrid is not None:
+    if kind == "mg" and isinstance(model.multigrid, InSpace):
+        settings |= IN_SPACE | options
+        return settings, SplineMultigrid(model.multigrid.points, settings, prefix)
+    if kind == "mg" and callable(model.multigrid):
         settings |= YARN_MULTIGRID | {"ksp_rtol": STEP}
         return {**settings, **options}, TangentMultigrid(model.multigrid, prefix)
     return {**settings, **ITERATIVE, "ksp_rtol": STEP, **options}, None
@@ -50,9 +69,7 @@ def fitting(snes: PETSc.SNES, matrix: PETSc.Mat, model: Model, state: State) -> 
     return matrix
 
 
-def prepare(
-    ksp: PETSc.KSP, matrix: PETSc.Mat, model: Model, multigrid: TangentMultigrid | None
-) -> None:
+def prepare(ksp: PETSc.KSP, matrix: PETSc.Mat, model: Model, multigrid: Multigrid | None) -> None:
     """Attach the multigrid, or tell GAMG the motions that cost next to nothing. Collective."""
     pc = ksp.getPC()
     if multigrid is not None:
@@ -63,6 +80,14 @@ def prepare(
         matrix.setNearNullSpace(space)
         space.destroy()
     ksp.setErrorIfNotConverged(False)
+
+
+def check_solved(ksp: PETSc.KSP, multigrid: Multigrid | None) -> None:
+    """Raise SolverError if a factor had too little memory, or a multigrid did not converge."""
+    if isinstance(multigrid, SplineMultigrid):
+        check_iterations(ksp)
+    else:
+        check_factor(ksp.getPC())
 
 
 class TangentMultigrid:

@@ -13,7 +13,7 @@ import shapely
 
 from ..cloth.fabric import Fabric
 from ..elements.level import FORCE
-from ..equilibrium.cloth import holder
+from ..equilibrium.cloth import holder, in_space
 from ..equilibrium.model import Model
 from ..equilibrium.state import Hold, State
 from ..items.clamps import Clamp
@@ -277,7 +277,8 @@ class Blank:
         items: list[Item] = [*parts, *whole, *self.between, viscous, *pushes]
         active = self.nodes.join([*(ply.active for ply in plies), np.ones(len(tools), bool)])
         scale = max(network.fabric.c11 + network.fabric.c22 for network in networks)
-        self.model = Model(self.nodes, items, active, scale)
+        multigrid = in_space(self.nodes, plies, cloth_at)
+        self.model = Model(self.nodes, items, active, scale, multigrid)
         self._whole = whole
         self.is_laid, self._begin = laid is not None, self.nodes.rest.copy()
         if laid is not None:  # a single ply, see Forming
