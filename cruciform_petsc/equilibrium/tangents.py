@@ -9,17 +9,25 @@ from typing import Union
 from petsc4py import PETSc
 
 from ..solvers.callbacks import callback
+from ..solvers.dissection import SMALLEST, order
 from ..solvers.failures import check_factor
 from ..solvers.linear import LinearSolver
 from ..solvers.multigrid import Hierarchy
-from ..solvers.options import COUNTING, DIRECT_LIMIT, ITERATIVE, YARN_MULTIGRID, near_null_space
+from ..solvers.options import (
+    COUNTING,
+    DIRECT_LIMIT,
+    DIRECT_LIMIT_IN_SPACE,
+    ITERATIVE,
+    YARN_MULTIGRID,
+    near_null_space,
+)
 from ..solvers.splines import SMOOTHER, InSpace, SplineMultigrid, check_iterations
 from .model import PATTERN, Model
 from .state import State
 
+ORDERED = "ordered"  # of a matrix: that it has been looked at
+OWN_ORDERING = ("mat_mumps_icntl_7", "mat_mumps_icntl_28")
 STEP = 1e-6  # relative residual of iterative solvers: Newton's last step is one
-# Up to here tangents in space are factorised by default: as fast, and negative pivots are counted.
-LIMIT_IN_SPACE = 1_000_000
 Multigrid = Union["TangentMultigrid", SplineMultigrid]
 IN_SPACE = {
     "ksp_type": "cg",
@@ -40,7 +48,7 @@ def tangent_settings(
     ``like``: a vector of unknowns; ``options`` overrule the defaults, the database overrules all.
     """
     options = dict(options or {})
-    limit = LIMIT_IN_SPACE if model.dim == 3 else DIRECT_LIMIT
+    limit = DIRECT_LIMIT_IN_SPACE if model.dim == 3 else DIRECT_LIMIT
     small = like.getSize() <= limit or model.multigrid is None
     default = str(options.get("pc_type", "cholesky" if small else "mg"))
     kind = PETSc.Options(prefix).getString("pc_type", default)
@@ -58,15 +66,31 @@ def tangent_settings(
 
 def fitting(snes: PETSc.SNES, matrix: PETSc.Mat, model: Model, state: State) -> PETSc.Mat:
     """The matrix, or a new one where elements have come to join other nodes. Collective."""
-    if matrix.getAttr(PATTERN) is model.pattern(state):
-        return matrix
-    space, jacobian = matrix.getNearNullSpace(), snes.getJacobian()[2][0]
-    matrix.destroy()
-    matrix, _ = model.stiffness(state)
-    if space.handle:
-        matrix.setNearNullSpace(space)
-    snes.setJacobian(jacobian, matrix)
+    if matrix.getAttr(PATTERN) is not model.pattern(state):
+        space, jacobian = matrix.getNearNullSpace(), snes.getJacobian()[2][0]
+        matrix.destroy()
+        matrix, _ = model.stiffness(state)
+        if space.handle:
+            matrix.setNearNullSpace(space)
+        snes.setJacobian(jacobian, matrix)
+    if not matrix.getAttr(ORDERED):
+        matrix.setAttr(ORDERED, True)
+        _order(snes.ksp, matrix, model)
     return matrix
+
+
+def _order(ksp: PETSc.KSP, matrix: PETSc.Mat, model: Model) -> None:
+    """Hand MUMPS an ordering that knows where nodes lie, if none is asked for. Collective."""
+    pc = ksp.getPC()
+    if pc.getType() != PETSc.PC.Type.CHOLESKY or pc.getFactorSolverType() != "mumps":
+        return
+    wishes = PETSc.Options(ksp.getOptionsPrefix())
+    if matrix.getSize()[0] < SMALLEST or any(map(wishes.hasName, OWN_ORDERING)):
+        return
+    pc.reset()  # what it has of another pattern
+    ksp.setOperators(matrix)
+    place = model.nodes.rest[: model.nodes.num_nodes_owned]
+    order(pc, matrix, place, *matrix.getAttr(PATTERN).neighbours)
 
 
 def prepare(ksp: PETSc.KSP, matrix: PETSc.Mat, model: Model, multigrid: Multigrid | None) -> None:

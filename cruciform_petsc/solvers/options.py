@@ -24,6 +24,8 @@ PREFIX, MEMBRANE = "cruciform_", "membrane_"
 # finds mechanisms, which an iteration cannot. At 363,000 unknowns it takes 2.4 times as long as the
 # yarn multigrid (1.6 s, with OpenBLAS) and half a GiB; no general iteration is faster.
 DIRECT_LIMIT = 400_000
+# In space iterations take far longer; a factor of 521,000 unknowns is 2.1 GiB (docs/benchmarks.md).
+DIRECT_LIMIT_IN_SPACE = 1_000_000
 
 DIRECT = {
     "ksp_type": "preonly",

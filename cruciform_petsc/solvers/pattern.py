@@ -87,6 +87,11 @@ class BlockPattern:
         self.slots = [_places(part, number, start, column) for part in parts]
         self.diagonal = _find(np.arange(owned), number[:owned], start, column)
 
+    @property
+    def neighbours(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compressed rows of the nodes that owned nodes share elements with, global numbers."""
+        return self._start[: self.nodes.num_nodes_owned + 1], self._column[: self.num_blocks]
+
     @cached_property
     def _whole(self) -> Layout:
         every = np.full(self.num_blocks, (1 << self.block**2) - 1, np.uint16)
