@@ -4,15 +4,20 @@
     ./scripts/fenicsx python3 scripts/bench_solvers.py [--crossovers 240000]
     ./scripts/fenicsx python3 scripts/bench_solvers.py --limit [--largest 120000]
     ./scripts/fenicsx mpirun -n 2 python3 -m mpi4py scripts/bench_solvers.py --robustness
+    ./scripts/fenicsx mpirun -n 2 python3 -m mpi4py scripts/bench_solvers.py --space
 
 The first prints set-up, solution, iterations, cost in products with the matrix and memory of the
 yarn multigrid, GAMG, BoomerAMG, MUMPS and CHOLMOD, to a true residual of 1e-8, and draws them; the
 second MUMPS beside the yarn multigrid from size to size, for DIRECT_LIMIT; the third the iterations
-of the yarn multigrid for many preforms and fabrics. All print Markdown and write results/*.json.
+of the yarn multigrid for many preforms and fabrics; the fourth what solves a tangent in space:
+MUMPS in its own order and in the nested dissection's, and the multigrid in space. All print
+Markdown and write results/*.json.
 """
 
 import argparse
 import gc
+from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -266,10 +271,73 @@ def robustness(largest: float) -> None:
     benchlib.save(Path(f"results/bench_robustness_{COMM.size}.json"), iterations=counts)
 
 
+SPACE = {
+    "MUMPS, its own order": {"pc_type": "cholesky", "mat_mumps_icntl_7": 4},  # PORD
+    "MUMPS, dissection": {"pc_type": "cholesky"},
+    "multigrid in space": {"pc_type": "mg"},
+}
+
+
+def space(largest: float) -> None:
+    """Tangents of cloth bent over a bump among the tools of bench_forming's hemisphere.
+
+    The bump is 20 mm high and 50 mm wide, the cloth stretched by 1 %. Times are of a solution with
+    what it takes to assemble the tangent, the first one and the least of two later ones.
+    """
+    import bench_forming
+
+    from cruciform_petsc.equilibrium.newton import Equilibrium
+
+    table = Table(
+        f"Tangents in space on {COMM.size} rank(s), processor time",
+        "crossovers", "unknowns", "solver", "assembly, s", "first, s", "again, s", "wall clock, s",
+        "iterations", "10^9 operations", "MiB of factors", "memory, MiB",
+    )  # fmt: skip
+    run = bench_forming.CASES["hemisphere"]
+    for side in (n for n in (24, 58, 77, 152, 240) if n == 24 or n**2 <= largest):
+        blank = replace(run, crossovers=side).blank()
+        state, model = blank.start(), blank.model
+        x = state.x.copy()
+        rest = x[blank.cloth_at]
+        bump = -0.02 * np.exp(-(rest[:, :2] ** 2).sum(axis=1) / (2 * 0.05**2))
+        x[blank.cloth_at] = np.column_stack([1.01 * rest[:, :2], rest[:, 2] + bump])
+        state = replace(state, x=x)
+        matrix, _ = model.stiffness(state)
+        assembly = benchlib.best(partial(model.stiffness, state, reuse=matrix), 2)
+        matrix.destroy()
+        pushed = np.zeros_like(x)
+        pushed[blank.tool_node[2], 2] = -1e-4
+        for name, options in SPACE.items():
+            gc.collect()
+            before = benchlib.resident_mib()
+            benchlib.reset_peak()
+            equilibrium = Equilibrium(model, state, options)
+            times = []
+            for _ in range(3):
+                with clock() as taken:
+                    equilibrium.tangent_step(state, pushed, out_of_balance=True)
+                times.append(taken)
+            ksp = equilibrium.snes.ksp
+            told = [ksp.getIterationNumber(), "", ""]
+            if options["pc_type"] == "cholesky":
+                factor = ksp.getPC().getFactorMatrix()
+                told = ["", f"{factor.getMumpsRinfog(3) / 1e9:.1f}", factor.getMumpsInfog(22)]
+            if side > 24:  # the first compiles numba's kernels
+                table.row(
+                    blank.network.num_crossovers_global, 3 * blank.nodes.num_nodes_global, name,
+                    f"{assembly.cpu:.2f}", f"{times[0].cpu:.2f}",
+                    f"{min(one.cpu for one in times[1:]):.2f}",
+                    f"{min(one.wall for one in times[1:]):.2f}", *told,
+                    f"{COMM.allreduce(benchlib.peak_mib() - before):.0f}",
+                )  # fmt: skip
+            equilibrium.destroy()
+            del equilibrium, ksp
+            PETSc.garbage_cleanup(PETSc.COMM_WORLD)
+    benchlib.save(Path(f"results/bench_space_{COMM.size}.json"), table=table.rows)
+
+
 def swapped(fabric):
     """The same cloth with warp and weft changed over."""
-    from dataclasses import replace
-
     return replace(fabric, warp=fabric.weft, weft=fabric.warp)
 
 
@@ -280,13 +348,16 @@ def main() -> None:
     parser.add_argument("--no-direct", action="store_true", help="leave the direct solvers out")
     parser.add_argument("--robustness", action="store_true", help="iterations instead of times")
     parser.add_argument("--limit", action="store_true", help="MUMPS and multigrid by size")
-    parser.add_argument("--largest", type=float, help="size for --robustness (10^6), --limit")
+    parser.add_argument("--space", action="store_true", help="tangents in space")
+    parser.add_argument("--largest", type=float, help="crossovers, but for the first")
     arguments, _ = parser.parse_known_args()
     benchlib.say_machine()
     if arguments.robustness:
         robustness(arguments.largest or 1e6)
     elif arguments.limit:
         limit(arguments.largest or 1.2e5)
+    elif arguments.space:
+        space(arguments.largest or 6e4)
     else:
         compare(arguments.crossovers, not arguments.no_direct)
 

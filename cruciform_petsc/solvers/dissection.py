@@ -8,7 +8,8 @@ make more work in all, by 29 per cent with three on either side.)
 
 MUMPS takes an ordering (PERM_IN, ICNTL(7) = 1), PETSc has no call for it where the matrix is
 symmetric. It is written where MUMPS looks for it, which is done only if all that can be read there
-is what PETSc says of it: with another MUMPS than the one known here (5.7) its own ordering stays.
+is what PETSc says of it: with another PETSc or MUMPS than those known here (3.22, 5.7) MUMPS's own
+ordering stays.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ LEAF = 8  # nodes that are not cut any more
 DENSE = 10.0  # times the square root of the number of nodes, as in AMD: neighbours of a tool
 
 _PETSC = ctypes.CDLL(PETSc.__file__)
+_KNOWN = 3, 22  # PETSc's version
 _SYMBOLIC = 1  # MUMPS's job
 _ORDERING, _BLOCKS = 7, 15  # numbers of ICNTL
 _TOLD = 38  # of its 60, those that PETSc tells
@@ -188,7 +190,7 @@ def _mumps(factor: PETSc.Mat) -> _Mumps | None:
         _library()
     except OSError:
         return None
-    if len(at) != 1:
+    if len(at) != 1 or PETSc.Sys.getVersion()[:2] != _KNOWN:
         return None
     mumps = _Mumps.from_address(int(words[at[0] + 2]))
     known = all(factor.getMumpsIcntl(k + 1) == mumps.icntl[k] for k in range(_TOLD))
