@@ -258,7 +258,9 @@ class _Load:
         owned = self.equilibrium.model.nodes.num_nodes_owned
         slope = float((force[:owned] * velocity[:owned]).sum())
         slope = self.equilibrium.model.comm.allreduce(slope)
-        self.solved = [*self.solved[-1:], (last.time, self.load)]
+        here = last.time, self.load
+        if here not in self.solved:  # as it is after a step that failed
+            self.solved = [*self.solved[-1:], here]
         if self.tries >= UNEXACT and len(self.solved) == 2:
             (one, low), (other, high) = self.solved
             slope = (high - low) / (other - one)
