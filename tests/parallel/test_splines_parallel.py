@@ -40,7 +40,8 @@ def test_same_as_direct_through_a_hemisphere(monkeypatch):
     # An indefinite tangent on the way may be seen a step earlier or later: by pivots or by strips.
     took = [[s.increment.iterations for s in each] for each in (steps, others)]
     np.testing.assert_allclose(*took, atol=3)
-    np.testing.assert_allclose(x, other, atol=2e-9)
+    # Where the same steps were taken 2e-9 m; else what equilibrium is found to: 5e-7 measured.
+    np.testing.assert_allclose(x, other, atol=2e-9 if took[0] == took[1] else 1e-6)
     if COMM.rank == 0:
         print(f"{COMM.size} ranks: at most {max(iterations)} iterations of {len(iterations)}")
     assert 3 < max(iterations) <= MOST.get(COMM.size, 40)
