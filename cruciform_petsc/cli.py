@@ -207,7 +207,8 @@ def _say(failure: CruciformError | str) -> None:
     sys.stdout.flush()
     problems = failure.args if isinstance(failure, InputError) else [failure]
     text = "\n  ".join(harmless(" ".join(str(problem).split())) for problem in problems)
-    print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
+    # In one piece with its end of line: a launcher puts its own words between two.
+    print(f"{PROGRAM}: {text}\n", end="", file=sys.stderr, flush=True)
 
 
 def _abort(control: MPI.Intracomm | None, code: int) -> int:

@@ -60,7 +60,7 @@ def cruciform_petsc(ranks, *arguments):
 def sentences(result):
     """Return what the program itself said on stderr; the launcher has its own words."""
     # One launcher glues the ranks' lines to its own, so look for the name, not for line starts.
-    return re.findall(r"cruciform-petsc: (.*)", result.stderr)
+    return re.findall(r"cruciform-petsc: (.*?)(?:-{40,})?$", result.stderr, re.MULTILINE)
 
 
 def assert_refused(result, message):
