@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import ctypes
 import faulthandler
 import io
 import logging
@@ -29,6 +30,7 @@ ENDING: tuple[int, ...] = (
     signal.SIGUSR1, signal.SIGUSR2, signal.SIGXCPU,
 )  # fmt: skip
 AGAIN = 0.25  # s
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 
 # Signals that ask this process to end, the first one first; SIGPIPE: nobody reads its output.
 came: list[int] = []
@@ -185,6 +187,19 @@ def prepare_surroundings() -> None:
         os.environ["TMPDIR"] = tempfile.gettempdir()  # Open MPI crashes where it is missing
     except FileNotFoundError as error:
         raise InputError(f"{error.strerror}: set TMPDIR to a folder that can be written") from None
+    keep_freed()
+
+
+def keep_freed() -> None:
+    """Have C's allocator keep for this process what it frees, where that is glibc's.
+
+    Large arrays come and go with every matrix and factor. Given back to the system and asked for
+    anew, each page is filled with zeros first: half of a first set-up of the yarn multigrid.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        mallopt = ctypes.CDLL(None).mallopt
+        mallopt(_M_MMAP_THRESHOLD, 32 << 20)  # the largest that it takes
+        mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
 
 
 def spare_cache() -> str:

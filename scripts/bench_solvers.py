@@ -56,13 +56,14 @@ GAMG_TUNED = {
 }
 
 
-def measure(case: System, options: dict, check: bool = False) -> dict | None:
+def measure(case: System, options: dict, check: bool = False, fresh: bool = True) -> dict | None:
     """Set-up and solution times, iterations, residual and memory of one solver. Collective.
 
     check: with a direct solver's search for mechanisms, as a run has it.
+    fresh: what others have freed is given back to the system first.
     """
     gc.collect()
-    before = benchlib.resident_mib()  # what others have freed is given back first
+    before = benchlib.resident_mib() if fresh else 0.0
     benchlib.reset_peak()
     near_null = case.near_null if options["pc_type"] == "gamg" else None
     solver = None
@@ -94,6 +95,19 @@ def measure(case: System, options: dict, check: bool = False) -> dict | None:
     }
 
 
+def measure_twice(case: System, options: dict) -> dict | None:
+    """The faster of two times; memory and residual of the first. Collective.
+
+    The first time touches new memory, which a program that goes on has from what came before.
+    """
+    first = measure(case, options)
+    again = first and measure(case, options, fresh=False)
+    if first is None or again is None:
+        return first
+    faster = min(first, again, key=lambda one: one["total"])
+    return first | {key: faster[key] for key in ("setup", "solution", "total", "wall")}
+
+
 def compare(crossovers: float, direct: bool) -> None:
     """All solvers on one system."""
     warm = system(3000)  # numba's kernels are compiled, or read, before the clock runs
@@ -113,7 +127,7 @@ def compare(crossovers: float, direct: bool) -> None:
         )
     table = Table(
         f"Solvers at {network.num_crossovers_global} crossovers on {COMM.size} rank(s), "
-        "processor time",
+        "processor time, the faster of two",
         "solver", "set-up, s", "solution, s", "together, s", "iterations", "true residual",
         "in products", "memory, MiB", "times the yarn multigrid's", "wall clock, s",
     )  # fmt: skip
@@ -122,7 +136,7 @@ def compare(crossovers: float, direct: bool) -> None:
     def run(name: str, options: dict) -> None:
         # The product is timed before and after: other users slow down the memory by and by.
         before = matvec_seconds(case.matrix).cpu
-        result = measure(case, options)
+        result = measure_twice(case, options)
         after = matvec_seconds(case.matrix).cpu
         if result is None:
             table.row(name, "failed", *[""] * 8)

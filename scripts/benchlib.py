@@ -24,9 +24,11 @@ from petsc4py import PETSc
 
 from cruciform_petsc import Fabric, Network, Preform
 from cruciform_petsc.net.edges import Constraints
+from cruciform_petsc.process import keep_freed
 from cruciform_petsc.small.network import LinearNetwork
 from cruciform_petsc.solvers.options import blas_in_use
 
+keep_freed()  # as the program does
 COMM = MPI.COMM_WORLD
 TABLE_1 = Fabric.from_library("e-glass-plain-2.4")
 EXTENSION = 0.01  # of the preform's length
